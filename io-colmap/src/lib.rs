@@ -1,1 +1,74 @@
-//! io-colmap
+//! Reads a posed photo set: a COLMAP model, the photos it was made from, and masks to go with them.
+//!
+//! Everything that makes photo sets fail in practice is decided here, once, and said aloud:
+//!
+//! * [`Model`] reads and writes COLMAP's binary and text formats, with every camera model up to
+//!   COLMAP 4. Files are treated as hostile: damage gives an error with file, place and remedy,
+//!   never a panic or an absurd allocation.
+//! * [`Camera`] maps rays to pixels and back, through the lens distortion.
+//! * [`Scene`] finds the model (the sub-model with the most photos) and the photos in a folder,
+//!   and checks that they fit each other.
+//! * [`MaskSet`] finds masks under the names that different tools give them, and works out
+//!   whether white or black means the object.
+//!
+//! Decisions a user should see are left as sentences in `notes`; printing is the caller's part.
+//!
+//! Conventions: camera space has +x right, +y down, +z forward; the top left pixel's centre is at
+//! `(0.5, 0.5)`; poses are named by what they do (`camera_from_world`).
+//!
+//! ```
+//! use io_colmap::{Camera, CameraModel, Model, Pose, View};
+//! use glam::DVec3;
+//!
+//! let mut model = Model::default();
+//! model.cameras.insert(1, Camera {
+//!     id: 1,
+//!     model: CameraModel::SimpleRadial,
+//!     width: 640,
+//!     height: 480,
+//!     params: vec![500.0, 320.0, 240.0, 0.05], // f, cx, cy, k
+//! });
+//! model.views.push(View {
+//!     id: 1,
+//!     name: "photo.jpg".into(),
+//!     camera_id: 1,
+//!     camera_from_world: Pose { translation: DVec3::new(0.0, 0.0, 4.0), ..Pose::IDENTITY },
+//! });
+//!
+//! let dir = tempfile::tempdir()?;
+//! model.write_text(dir.path())?;
+//! let read = Model::read(dir.path())?;
+//! assert_eq!(read, model);
+//!
+//! let view = &read.views[0];
+//! assert_eq!(view.camera_from_world.centre(), DVec3::new(0.0, 0.0, -4.0));
+//!
+//! let camera = &read.cameras[&view.camera_id];
+//! let pixel = camera.project(view.camera_from_world.transform_point(DVec3::X)).unwrap();
+//! let ray = camera.unproject(pixel).unwrap(); // z = 1
+//! assert!((ray - DVec3::new(0.25, 0.0, 1.0)).length() < 1e-9);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod binary;
+mod camera;
+mod camera_model;
+mod distortion;
+mod error;
+mod jet;
+mod mask_names;
+mod masks;
+mod model;
+mod polarity;
+mod pose;
+mod scene;
+mod text;
+
+pub use camera::Camera;
+pub use camera_model::CameraModel;
+pub use error::{ColmapError, Place};
+pub use masks::{GreyImage, MaskSet};
+pub use model::{Model, Observation, SparsePoint, View, read_observations};
+pub use polarity::Polarity;
+pub use pose::Pose;
+pub use scene::Scene;

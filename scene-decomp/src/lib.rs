@@ -1,1 +1,29 @@
-//! scene-decomp
+//! Two neural surfaces for one scene.
+//!
+//! Surface-SOS explains posed photos with **FoCoR**, the object, and **BaCo**, the scene without it.
+//! Each is a signed distance field on a multi-resolution hash grid with a small MLP, and a colour
+//! network. This crate holds both as Burn modules, their geometric initialisation, the probability
+//! map m^P that tells BaCo where the object is, and the two fused ops on which training rests:
+//!
+//! | op | what |
+//! |---|---|
+//! | [`sdf_field`] | signed distance, feature and normal, with the derivative of the normal |
+//! | [`colour_field`] | the colour network on top of it |
+//!
+//! Each op has a reference in plain tensor operations and one slice kernel that serves NdArray and
+//! Flex. Shapes: `n` points, `L` grid levels, `G` geometry features.
+
+pub mod colour_field;
+pub mod probability;
+pub mod sdf_field;
+
+mod dense;
+mod evaluate;
+mod model;
+mod surface;
+mod tile;
+
+pub use dense::Dense;
+pub use evaluate::{FrozenSurface, Geometry};
+pub use model::{BACKGROUND_HALF_SIDE, Scene, SceneConfig, Sharpness};
+pub use surface::{InitialShape, Surface, SurfaceConfig, SurfaceSamples};

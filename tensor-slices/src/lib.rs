@@ -20,10 +20,13 @@
 
 mod flex;
 mod ndarray;
+mod scratch;
 
 use std::borrow::Cow;
 
 use burn::backend::{Backend, tensor::FloatTensor};
+
+pub use scratch::Scratch;
 
 /// A CPU backend whose float tensors can be read and written as `f32` slices in row-major order.
 pub trait F32Slices: Backend {

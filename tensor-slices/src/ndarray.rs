@@ -1,5 +1,8 @@
 //! [`F32Slices`] for NdArray.
 
+// Upstream marks burn-ndarray deprecated in favour of Flex; this workspace supports both.
+#![allow(deprecated)]
+
 use std::borrow::Cow;
 
 use burn::backend::{NdArray, ndarray::NdArrayTensor, tensor::FloatTensor};

@@ -1,0 +1,29 @@
+//! What can go wrong when a scene is written.
+
+use std::path::PathBuf;
+
+/// Failure to write a scene to disk.
+#[derive(Debug, thiserror::Error)]
+pub enum DemoError {
+    /// A file or folder could not be created, written or renamed.
+    #[error("cannot write {path}")]
+    Write {
+        /// The file or folder in question.
+        path: PathBuf,
+        /// What the operating system said.
+        #[source]
+        source: std::io::Error,
+    },
+    /// An image could not be encoded.
+    #[error("cannot encode {path}")]
+    Encode {
+        /// The image file in question.
+        path: PathBuf,
+        /// What the encoder said.
+        #[source]
+        source: image::ImageError,
+    },
+    /// The destination exists and is not an empty folder: nothing is ever overwritten.
+    #[error("{0} already exists and is not empty")]
+    Occupied(PathBuf),
+}

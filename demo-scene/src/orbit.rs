@@ -1,0 +1,39 @@
+//! Where the photographs are taken from: once around the table, handheld.
+
+use glam::DVec3;
+
+use crate::camera::Camera;
+use crate::config::DemoConfig;
+use crate::noise::Rng;
+use crate::stage::{TABLE_CENTRE, TARGET, Stage};
+
+/// Focal length in image widths: a horizontal field of view of about 48 degrees.
+const FOCAL_PER_WIDTH: f64 = 1.12;
+
+/// The cameras of a scene, in order around the target.
+pub(crate) fn cameras(stage: &Stage, config: &DemoConfig) -> Vec<Camera> {
+    let target = TABLE_CENTRE + stage.props[TARGET].centre;
+    let mut rng = Rng::new(config.seed, 0x0_b17);
+    let count = config.views.max(1);
+    (0..count)
+        .map(|i| {
+            let turn = (i as f64 + rng.range(-0.22, 0.22)) / count as f64 * core::f64::consts::TAU;
+            // Golden-ratio steps visit all elevations evenly without a pattern.
+            let golden = (i as f64 + 0.35) * 0.618_033_988_749_895;
+            let elevation = (25.5 + 24.0 * (golden - golden.floor())).to_radians();
+            let distance = rng.range(0.575, 0.655);
+            let level = distance * libm::cos(elevation);
+            let eye = target
+                + DVec3::new(
+                    level * libm::cos(turn),
+                    level * libm::sin(turn),
+                    distance * libm::sin(elevation),
+                );
+            let mut shake = |by: f64| rng.range(-by, by);
+            let aim = target + DVec3::new(shake(0.022), shake(0.022), shake(0.015) - 0.008);
+            let roll = shake(0.045);
+            let focal = FOCAL_PER_WIDTH * f64::from(config.width);
+            Camera::looking_at((config.width, config.height), focal, eye, aim, roll)
+        })
+        .collect()
+}

@@ -1,0 +1,119 @@
+//! The scene on disk.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use image::{DynamicImage, ImageFormat};
+use rayon::prelude::*;
+
+use crate::colmap_text;
+use crate::error::DemoError;
+use crate::scene::{DemoScene, DemoView};
+use crate::target::Mesh;
+
+impl DemoScene {
+    /// Writes the scene into the folder `dir`, which must not exist yet or be empty:
+    ///
+    /// ```text
+    /// images/NNN.png                photos
+    /// alpha_gt/NNN.png              coverage by the visible target
+    /// background_gt/NNN.png         without the target and without its shadow
+    /// background_shadow_gt/NNN.png  without the target, with its shadow
+    /// coarse_masks/NNN.png          flawed segmentations; two are missing
+    /// mesh_gt.ply                   the target's surface
+    /// sparse/0/{cameras,images,points3D}.txt
+    /// ```
+    ///
+    /// Everything goes to a sibling folder first, which is renamed at the end: `dir` never holds
+    /// half a scene.
+    ///
+    /// # Errors
+    /// [`DemoError::Occupied`] when `dir` holds something; otherwise what the file system says.
+    pub fn write(&self, dir: &Path) -> Result<(), DemoError> {
+        match fs::read_dir(dir).map(|mut entries| entries.next().is_some()) {
+            Ok(true) => return Err(DemoError::Occupied(dir.to_owned())),
+            Ok(false) => fs::remove_dir(dir).map_err(failed(dir))?,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(source) => return Err(DemoError::Write { path: dir.to_owned(), source }),
+        }
+        let partial = sibling(dir);
+        fs::create_dir_all(&partial).map_err(failed(&partial))?;
+        let done = self
+            .write_into(&partial)
+            .and_then(|()| fs::rename(&partial, dir).map_err(failed(dir)));
+        if done.is_err() {
+            // The first error is the one worth reporting.
+            let _ = fs::remove_dir_all(&partial);
+        }
+        done
+    }
+
+    fn write_into(&self, dir: &Path) -> Result<(), DemoError> {
+        type Layer = fn(&DemoView) -> Option<DynamicImage>;
+        let layers: [(&str, Layer); 5] = [
+            ("images", |view| Some(view.photo.clone().into())),
+            ("alpha_gt", |view| Some(view.alpha.clone().into())),
+            ("background_gt", |view| Some(view.background.clone().into())),
+            ("background_shadow_gt", |view| Some(view.background_shadow.clone().into())),
+            ("coarse_masks", |view| view.coarse_mask.clone().map(Into::into)),
+        ];
+        for (name, layer) in layers {
+            let folder = dir.join(name);
+            fs::create_dir_all(&folder).map_err(failed(&folder))?;
+            self.views.par_iter().try_for_each(|view| {
+                let path = folder.join(&view.name);
+                match layer(view) {
+                    Some(picture) => picture
+                        .save_with_format(&path, ImageFormat::Png)
+                        .map_err(|source| DemoError::Encode { path, source }),
+                    None => Ok(()),
+                }
+            })?;
+        }
+        let model = dir.join("sparse").join("0");
+        fs::create_dir_all(&model).map_err(failed(&model))?;
+        let names = ["cameras.txt", "images.txt", "points3D.txt"];
+        for (name, text) in names.iter().zip(colmap_text::model(self)) {
+            let path = model.join(name);
+            fs::write(&path, text).map_err(failed(&path))?;
+        }
+        let path = dir.join("mesh_gt.ply");
+        fs::write(&path, ply(&self.mesh)).map_err(failed(&path))
+    }
+}
+
+/// Binary little-endian PLY with `f32` vertices.
+fn ply(mesh: &Mesh) -> Vec<u8> {
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        mesh.vertices.len(),
+        mesh.faces.len()
+    )
+    .into_bytes();
+    for vertex in &mesh.vertices {
+        for value in vertex.as_vec3().to_array() {
+            bytes.extend_from_slice(&value.to_le_bytes());
+        }
+    }
+    for face in &mesh.faces {
+        bytes.push(3);
+        for index in face {
+            bytes.extend_from_slice(&index.to_le_bytes());
+        }
+    }
+    bytes
+}
+
+/// A name next to `dir` that no other process uses.
+fn sibling(dir: &Path) -> PathBuf {
+    let mut name = dir.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".partial-{}", std::process::id()));
+    dir.with_file_name(name)
+}
+
+fn failed(path: &Path) -> impl FnOnce(io::Error) -> DemoError + use<> {
+    let path = path.to_owned();
+    |source| DemoError::Write { path, source }
+}

@@ -1,0 +1,97 @@
+//! What a grid is made of: the numbers a user chooses.
+
+use serde::{Deserialize, Serialize};
+
+/// How a point's value is blended from the eight corners of its cell.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Interpolation {
+    /// Trilinear: the weight along an axis is the fraction `t` itself. The gradient with respect
+    /// to the position jumps at cell borders.
+    #[default]
+    Linear,
+    /// The weight is `t² (3 − 2t)`: the position gradient is continuous, and zero at corners.
+    Smoothstep,
+}
+
+/// The shape of a multi-resolution hash grid (Müller et al. 2022, table 1).
+///
+/// The default is the paper's: 16 levels of 2 features, 16 to 2048 cells per axis, `2^19` entries
+/// per level at most, trilinear.
+///
+/// ```
+/// let config = hashgrid::GridConfig { levels: 8, ..Default::default() };
+/// assert!(config.validate().is_ok());
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GridConfig {
+    /// Number of levels `L`.
+    pub levels: usize,
+    /// Features per entry; the kernels are written for 2.
+    pub features: usize,
+    /// Cells per axis of the coarsest level.
+    pub base_resolution: u32,
+    /// Cells per axis of the finest level; those between grow geometrically.
+    pub finest_resolution: u32,
+    /// Base-2 logarithm of the most entries a level may have, `T = 2^log2_table_size`.
+    pub log2_table_size: u32,
+    /// How corners are blended.
+    pub interpolation: Interpolation,
+}
+
+impl Default for GridConfig {
+    fn default() -> Self {
+        Self {
+            levels: 16,
+            features: 2,
+            base_resolution: 16,
+            finest_resolution: 2048,
+            log2_table_size: 19,
+            interpolation: Interpolation::Linear,
+        }
+    }
+}
+
+/// Why a [`GridConfig`] can't be built.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GridConfigError {
+    /// A grid needs at least one level.
+    #[error("a hash grid needs at least one level")]
+    NoLevels,
+    /// The kernels handle two features per entry.
+    #[error("hash grid entries have 2 features, not {0}")]
+    Features(usize),
+    /// Resolutions must grow, start at one cell, and stay exact in single precision.
+    #[error("hash grid resolutions must satisfy 1 <= base <= finest <= 2^20, not {base} and {finest}")]
+    Resolution {
+        /// The coarsest level's cells per axis.
+        base: u32,
+        /// The finest level's cells per axis.
+        finest: u32,
+    },
+    /// Table indices are 32 bit, and a level has at least one block of entries.
+    #[error("the log2 of a hash table's size must be within 6..=26, not {0}")]
+    TableSize(u32),
+}
+
+impl GridConfig {
+    /// Checks that the numbers describe a grid the kernels can handle.
+    ///
+    /// # Errors
+    /// The first rule that is broken.
+    pub fn validate(&self) -> Result<(), GridConfigError> {
+        let (base, finest) = (self.base_resolution, self.finest_resolution);
+        if self.levels == 0 {
+            return Err(GridConfigError::NoLevels);
+        }
+        if self.features != crate::FEATURES {
+            return Err(GridConfigError::Features(self.features));
+        }
+        if base < 1 || finest < base || finest > 1 << 20 {
+            return Err(GridConfigError::Resolution { base, finest });
+        }
+        if !(6..=26).contains(&self.log2_table_size) {
+            return Err(GridConfigError::TableSize(self.log2_table_size));
+        }
+        Ok(())
+    }
+}

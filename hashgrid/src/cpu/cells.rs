@@ -1,0 +1,118 @@
+//! Which cell a point lies in, the table indices of its corners, and its weights: 16 points at once.
+
+use crate::layout::LevelLayout;
+
+/// Points handled together, one to a lane.
+pub(crate) const LANES: usize = 16;
+
+/// One number for each of 16 points.
+pub(crate) type Lane = [f32; LANES];
+
+/// The second and third factor of the spatial hash; the first is 1, so that neighbours along x
+/// mostly share a cache line.
+pub(crate) const PRIMES: [u32; 2] = [2_654_435_761, 805_459_861];
+
+/// The cells of 16 points on one level. Corner `c` is at `(c & 1, c >> 1 & 1, c >> 2)` of the cell.
+pub(crate) struct Cells {
+    /// Entry of each corner, relative to the level.
+    pub(crate) index: [[u32; LANES]; 8],
+    /// Weight of the upper corner along x, y and z.
+    pub(crate) weight: [Lane; 3],
+    /// Derivative of that weight with respect to the position in `[0, 1]`.
+    pub(crate) slope: [Lane; 3],
+}
+
+/// A point's cell along one axis: its lower node, the upper node's weight, and that weight's slope.
+///
+/// Positions are clamped to `[0, 1]`, where the slope becomes zero; NaN counts as 0.
+#[inline(always)]
+fn axis<const SMOOTH: bool>(position: &Lane, resolution: u32) -> ([u32; LANES], Lane, Lane) {
+    let scale = resolution as f32;
+    let last = resolution as i32 - 1;
+    let mut node = [0; LANES];
+    let mut weight = [0.0; LANES];
+    let mut slope = [0.0; LANES];
+    for i in 0..LANES {
+        let p = position[i];
+        // Written as comparisons so that NaN takes the second arm.
+        let low = if p > 0.0 { p } else { 0.0 };
+        let inside = if low < 1.0 { low } else { 1.0 };
+        let unit = if p == inside { scale } else { 0.0 };
+        let scaled = inside * scale;
+        // SAFETY: `inside` is in [0, 1] and the resolution at most 2^20.
+        let floor: i32 = unsafe { scaled.to_int_unchecked() };
+        let cell = if floor < last { floor } else { last };
+        let t = scaled - cell as f32;
+        node[i] = cell as u32;
+        if SMOOTH {
+            weight[i] = t * t * (3.0 - 2.0 * t);
+            slope[i] = 6.0 * t * (1.0 - t) * unit;
+        } else {
+            weight[i] = t;
+            slope[i] = unit;
+        }
+    }
+    (node, weight, slope)
+}
+
+/// The cells of 16 points on `level`. `HASHED` and `SMOOTH` are the level's kind, as constants.
+#[inline(always)]
+pub(crate) fn locate<const HASHED: bool, const SMOOTH: bool>(
+    level: &LevelLayout,
+    x: &Lane,
+    y: &Lane,
+    z: &Lane,
+) -> Cells {
+    let (x, weight_x, slope_x) = axis::<SMOOTH>(x, level.resolution);
+    let (y, weight_y, slope_y) = axis::<SMOOTH>(y, level.resolution);
+    let (z, weight_z, slope_z) = axis::<SMOOTH>(z, level.resolution);
+    let side = level.resolution + 1;
+    let mask = (level.entries as u32).wrapping_sub(1);
+    let mut index = [[0; LANES]; 8];
+    for i in 0..LANES {
+        if HASHED {
+            let y = y[i].wrapping_mul(PRIMES[0]);
+            let z = z[i].wrapping_mul(PRIMES[1]);
+            let (y1, z1) = (y.wrapping_add(PRIMES[0]), z.wrapping_add(PRIMES[1]));
+            let (x0, x1) = (x[i], x[i] + 1);
+            let yz = [y ^ z, y1 ^ z, y ^ z1, y1 ^ z1];
+            for c in 0..4 {
+                index[2 * c][i] = (x0 ^ yz[c]) & mask;
+                index[2 * c + 1][i] = (x1 ^ yz[c]) & mask;
+            }
+        } else {
+            let first = x[i] + side * (y[i] + side * z[i]);
+            for c in 0..8 {
+                let step = (c & 1) + side * ((c >> 1 & 1) + side * (c >> 2));
+                index[c as usize][i] = first + step;
+            }
+        }
+    }
+    Cells {
+        index,
+        weight: [weight_x, weight_y, weight_z],
+        slope: [slope_x, slope_y, slope_z],
+    }
+}
+
+/// Panics unless every index that [`locate`] can return for `level` lies within `values`.
+///
+/// This is what the unchecked accesses of the kernels rest on, as a level's fields are public.
+pub(crate) fn check_level(level: &LevelLayout, values: usize) {
+    let side = u64::from(level.resolution) + 1;
+    let fits = if level.hashed {
+        level.entries.is_power_of_two()
+    } else {
+        side.pow(3) <= level.entries as u64
+    };
+    assert!(
+        fits && (1..=1 << 20).contains(&level.resolution) && level.entries <= 1 << 31,
+        "hashgrid: not a valid level: {level:?}"
+    );
+    assert_eq!(
+        values,
+        level.entries * crate::FEATURES,
+        "hashgrid: number of values for a level of {} entries",
+        level.entries
+    );
+}

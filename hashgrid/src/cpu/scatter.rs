@@ -1,0 +1,281 @@
+//! The way back: gradients of values and Jacobians, added into one level's entries.
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::cells::{Cells, LANES, Lane, check_level, locate};
+use crate::config::Interpolation;
+use crate::layout::{BLOCK_ENTRIES, FEATURES, GridLayout, LevelLayout};
+
+/// Adds the gradients of all `n` points to one level's entries.
+///
+/// - `x`, `y`, `z`: the positions, each `[n]`, any `n`.
+/// - `d_value`: for each of the level's two features, the loss's derivative by the value, `[n]`.
+/// - `normal_part`: `(g, dn)`, what came back through the Jacobian where that has the form
+///   `dL/dJ[f, axis] = g[f] · dn[axis]`: corner `c` receives `g[f] · (dn · ∇w_c)`.
+/// - `grad`: the level's entries, `[entries, 2]`, accumulated into.
+///
+/// Levels are independent: run one task per level. Points are taken in order, so that the sums
+/// have the same bits however many threads there are.
+///
+/// # Panics
+/// When a slice's length does not fit, or the level does not exist.
+#[allow(clippy::too_many_arguments)]
+pub fn scatter_level(
+    layout: &GridLayout,
+    level: usize,
+    x: &[f32],
+    y: &[f32],
+    z: &[f32],
+    d_value: [&[f32]; 2],
+    normal_part: Option<([&[f32]; 2], [&[f32]; 3])>,
+    grad: &mut [f32],
+) {
+    let slopes = match normal_part {
+        None => Slopes::None,
+        Some((scale, normal)) => Slopes::Product { scale, normal },
+    };
+    scatter(layout, level, [x, y, z], d_value, slopes, grad, None);
+}
+
+/// [`scatter_level`], which also marks what it touches: `touched[b]` becomes 1 when an entry of
+/// block `b` (8 entries, counted from the level's first) receives something.
+///
+/// # Panics
+/// As [`scatter_level`], and when `touched` does not have one flag for each block.
+#[allow(clippy::too_many_arguments)]
+pub fn scatter_level_marked(
+    layout: &GridLayout,
+    level: usize,
+    x: &[f32],
+    y: &[f32],
+    z: &[f32],
+    d_value: [&[f32]; 2],
+    normal_part: Option<([&[f32]; 2], [&[f32]; 3])>,
+    grad: &mut [f32],
+    touched: &mut [u8],
+) {
+    let slopes = match normal_part {
+        None => Slopes::None,
+        Some((scale, normal)) => Slopes::Product { scale, normal },
+    };
+    scatter(layout, level, [x, y, z], d_value, slopes, grad, Some(touched));
+}
+
+/// The loss's derivative by a level's Jacobian.
+#[derive(Clone, Copy)]
+pub(crate) enum Slopes<'a> {
+    /// None.
+    None,
+    /// `dL/dJ[f, axis] = scale[f] · normal[axis]`, each `[n]`.
+    Product { scale: [&'a [f32]; 2], normal: [&'a [f32]; 3] },
+    /// `dL/dJ[f, axis]`, each `[n]`.
+    Full([[&'a [f32]; 3]; 2]),
+}
+
+/// All forms of the scatter.
+pub(crate) fn scatter(
+    layout: &GridLayout,
+    level: usize,
+    position: [&[f32]; 3],
+    d_value: [&[f32]; 2],
+    slopes: Slopes<'_>,
+    grad: &mut [f32],
+    touched: Option<&mut [u8]>,
+) {
+    let n = position[0].len();
+    let level = &layout.levels[level];
+    check_level(level, grad.len());
+    let same = |what: &str, slices: &[&[f32]]| {
+        for slice in slices {
+            assert_eq!(slice.len(), n, "scatter_level: length of {what}");
+        }
+    };
+    same("x, y and z", &position);
+    same("d_value", &d_value);
+    match &slopes {
+        Slopes::None => {}
+        Slopes::Product { scale, normal } => {
+            same("normal_part's g", scale);
+            same("normal_part's dn", normal);
+        }
+        Slopes::Full(rows) => rows.iter().for_each(|rows| same("d_jacobian", rows)),
+    }
+    if let Some(touched) = &touched {
+        assert_eq!(touched.len(), level.entries / BLOCK_ENTRIES, "scatter_level: length of touched");
+    }
+    let smooth = layout.interpolation == Interpolation::Smoothstep;
+    Arch::new().dispatch(Scatter { level, smooth, position, d_value, slopes, grad, touched });
+}
+
+/// [`scatter`]'s arguments, as pulp wants a function with generic body to be written.
+struct Scatter<'a> {
+    level: &'a LevelLayout,
+    smooth: bool,
+    position: [&'a [f32]; 3],
+    d_value: [&'a [f32]; 2],
+    slopes: Slopes<'a>,
+    grad: &'a mut [f32],
+    touched: Option<&'a mut [u8]>,
+}
+
+impl WithSimd for Scatter<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        match (self.level.hashed, self.smooth) {
+            (false, false) => self.run::<false, false>(),
+            (false, true) => self.run::<false, true>(),
+            (true, false) => self.run::<true, false>(),
+            (true, true) => self.run::<true, true>(),
+        }
+    }
+}
+
+impl Scatter<'_> {
+    #[inline(always)]
+    fn run<const HASHED: bool, const SMOOTH: bool>(mut self) {
+        let n = self.position[0].len();
+        let mut start = 0;
+        while start < n {
+            let count = LANES.min(n - start);
+            let [x, y, z] = self.position.map(|axis| take(axis, start, count));
+            let cells = locate::<HASHED, SMOOTH>(self.level, &x, &y, &z);
+            let d_value = self.d_value.map(|row| take(row, start, count));
+            let rows = match self.slopes {
+                Slopes::None => corner_gradients(&cells, &d_value),
+                Slopes::Product { scale, normal } => {
+                    let scale = scale.map(|row| take(row, start, count));
+                    let normal = normal.map(|row| take(row, start, count));
+                    product_gradients(&cells, &d_value, &scale, &normal)
+                }
+                Slopes::Full(rows) => {
+                    let slopes = rows.map(|rows| rows.map(|row| take(row, start, count)));
+                    full_gradients(&cells, &d_value, &slopes)
+                }
+            };
+            self.add(&cells, &rows, count);
+            start += LANES;
+        }
+    }
+
+    /// Adds `rows` (`[feature][corner][point]`) of the first `count` points to their entries.
+    #[inline(always)]
+    fn add(&mut self, cells: &Cells, rows: &[[Lane; 8]; FEATURES], count: usize) {
+        for i in 0..count {
+            for c in 0..8 {
+                let entry = cells.index[c][i] as usize;
+                // SAFETY: `check_level` has proved that every index is an entry of this level, and
+                // an entry is two values.
+                unsafe {
+                    let at = self.grad.as_mut_ptr().add(FEATURES * entry);
+                    *at += rows[0][c][i];
+                    *at.add(1) += rows[1][c][i];
+                }
+                if let Some(touched) = &mut self.touched {
+                    // SAFETY: there is one flag for each block of the level's entries.
+                    unsafe { *touched.get_unchecked_mut(entry / BLOCK_ENTRIES) = 1 };
+                }
+            }
+        }
+    }
+}
+
+/// 16 values from `start`; lanes from `count` on are 0.
+#[inline(always)]
+fn take(row: &[f32], start: usize, count: usize) -> Lane {
+    let mut out = [0.0; LANES];
+    if count == LANES {
+        out.copy_from_slice(&row[start..start + LANES]);
+    } else {
+        out[..count].copy_from_slice(&row[start..start + count]);
+    }
+    out
+}
+
+/// `1 − w` and `w` for each axis.
+#[inline(always)]
+fn both_weights(cells: &Cells) -> [[Lane; 2]; 3] {
+    let mut out = [[[0.0; LANES]; 2]; 3];
+    for axis in 0..3 {
+        for i in 0..LANES {
+            out[axis][0][i] = 1.0 - cells.weight[axis][i];
+            out[axis][1][i] = cells.weight[axis][i];
+        }
+    }
+    out
+}
+
+/// `w_c · d[f]`.
+#[inline(always)]
+fn corner_gradients(cells: &Cells, d_value: &[Lane; 2]) -> [[Lane; 8]; FEATURES] {
+    let [x, y, z] = both_weights(cells);
+    let mut out = [[[0.0; LANES]; 8]; FEATURES];
+    for c in 0..8 {
+        let (cx, cy, cz) = (c & 1, c >> 1 & 1, c >> 2);
+        for i in 0..LANES {
+            let weight = x[cx][i] * (y[cy][i] * z[cz][i]);
+            for f in 0..FEATURES {
+                out[f][c][i] = weight * d_value[f][i];
+            }
+        }
+    }
+    out
+}
+
+/// `w_c · d[f] + scale[f] · (normal · ∇w_c)`.
+#[inline(always)]
+fn product_gradients(
+    cells: &Cells,
+    d_value: &[Lane; 2],
+    scale: &[Lane; 2],
+    normal: &[Lane; 3],
+) -> [[Lane; 8]; FEATURES] {
+    let [x, y, z] = both_weights(cells);
+    let mut step = [[0.0; LANES]; 3];
+    for axis in 0..3 {
+        for i in 0..LANES {
+            step[axis][i] = normal[axis][i] * cells.slope[axis][i];
+        }
+    }
+    let mut out = [[[0.0; LANES]; 8]; FEATURES];
+    for c in 0..8 {
+        let (cx, cy, cz) = (c & 1, c >> 1 & 1, c >> 2);
+        let sign = |upper: usize, v: f32| if upper == 1 { v } else { -v };
+        for i in 0..LANES {
+            let yz = y[cy][i] * z[cz][i];
+            let dyz = sign(cy, step[1][i]) * z[cz][i] + sign(cz, step[2][i]) * y[cy][i];
+            let weight = x[cx][i] * yz;
+            let slope = sign(cx, step[0][i]) * yz + x[cx][i] * dyz;
+            for f in 0..FEATURES {
+                out[f][c][i] = weight * d_value[f][i] + slope * scale[f][i];
+            }
+        }
+    }
+    out
+}
+
+/// `w_c · d[f] + slopes[f] · ∇w_c`.
+#[inline(always)]
+fn full_gradients(cells: &Cells, d_value: &[Lane; 2], slopes: &[[Lane; 3]; 2]) -> [[Lane; 8]; FEATURES] {
+    let [x, y, z] = both_weights(cells);
+    let mut out = [[[0.0; LANES]; 8]; FEATURES];
+    for f in 0..FEATURES {
+        let mut step = slopes[f];
+        for axis in 0..3 {
+            for i in 0..LANES {
+                step[axis][i] *= cells.slope[axis][i];
+            }
+        }
+        for c in 0..8 {
+            let (cx, cy, cz) = (c & 1, c >> 1 & 1, c >> 2);
+            let sign = |upper: usize, v: f32| if upper == 1 { v } else { -v };
+            for i in 0..LANES {
+                let yz = y[cy][i] * z[cz][i];
+                let dyz = sign(cy, step[1][i]) * z[cz][i] + sign(cz, step[2][i]) * y[cy][i];
+                out[f][c][i] = x[cx][i] * (yz * d_value[f][i] + dyz) + sign(cx, step[0][i]) * yz;
+            }
+        }
+    }
+    out
+}

@@ -1,0 +1,193 @@
+//! Encoding a tile of points: gather and blend.
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::cells::{Cells, LANES, Lane, check_level, locate};
+use crate::config::Interpolation;
+use crate::layout::{FEATURES, GridLayout, LevelLayout};
+
+/// Encodes one tile of `p` points, which are given as three arrays; `p` is a multiple of 16.
+///
+/// - `active`: number of levels in use; features of levels from `active` on are 0, and so are
+///   their derivatives.
+/// - `table`: `[entries, 2]`, row-major.
+/// - `x`, `y`, `z`: positions in `[0, 1]`, each `[p]`. Outside, a coordinate is clamped, and the
+///   derivative along it is 0. NaN counts as 0.
+/// - `values`: `[2 L, p]`; feature `f` of level `l` is row `2 l + f`.
+/// - `jacobian`: `[2 L, 3, p]`; row `3 k + a` is the derivative of feature `k` along axis `a`.
+///
+/// The kernel picks the machine's widest vector instructions itself, once per call, which costs
+/// nothing next to a tile; it may be called from code that is itself dispatched. A tile of a few
+/// hundred points is best: each level's part of the table stays in cache for the whole tile.
+///
+/// # Panics
+/// When a slice's length does not fit.
+#[allow(clippy::too_many_arguments)]
+pub fn encode_tile(
+    layout: &GridLayout,
+    active: usize,
+    table: &[f32],
+    x: &[f32],
+    y: &[f32],
+    z: &[f32],
+    values: &mut [f32],
+    jacobian: Option<&mut [f32]>,
+) {
+    let points = x.len();
+    assert!(points.is_multiple_of(LANES), "encode_tile: {points} points, not a multiple of 16");
+    assert_eq!(y.len(), points, "encode_tile: length of y");
+    assert_eq!(z.len(), points, "encode_tile: length of z");
+    assert_eq!(table.len(), layout.entries() * FEATURES, "encode_tile: length of the table");
+    assert_eq!(values.len(), layout.features() * points, "encode_tile: length of values");
+    if let Some(jacobian) = &jacobian {
+        assert_eq!(jacobian.len(), layout.features() * 3 * points, "encode_tile: length of jacobian");
+    }
+    Arch::new().dispatch(EncodeTile { layout, active, table, position: [x, y, z], values, jacobian });
+}
+
+/// [`encode_tile`]'s arguments, as pulp wants a function with generic body to be written.
+struct EncodeTile<'a> {
+    layout: &'a GridLayout,
+    active: usize,
+    table: &'a [f32],
+    position: [&'a [f32]; 3],
+    values: &'a mut [f32],
+    jacobian: Option<&'a mut [f32]>,
+}
+
+impl WithSimd for EncodeTile<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let points = self.position[0].len();
+        if points == 0 {
+            return;
+        }
+        let mut jacobian = self.jacobian;
+        let rows = FEATURES * points;
+        for (l, (level, values)) in self.layout.levels.iter().zip(self.values.chunks_exact_mut(rows)).enumerate() {
+            let jacobian = jacobian.as_deref_mut().map(|j| &mut j[3 * rows * l..3 * rows * (l + 1)]);
+            if l >= self.active {
+                values.fill(0.0);
+                if let Some(jacobian) = jacobian {
+                    jacobian.fill(0.0);
+                }
+                continue;
+            }
+            let table = &self.table[FEATURES * level.offset..FEATURES * (level.offset + level.entries)];
+            let smooth = self.layout.interpolation == Interpolation::Smoothstep;
+            match (level.hashed, smooth) {
+                (false, false) => encode_level::<false, false>(level, table, self.position, values, jacobian),
+                (false, true) => encode_level::<false, true>(level, table, self.position, values, jacobian),
+                (true, false) => encode_level::<true, false>(level, table, self.position, values, jacobian),
+                (true, true) => encode_level::<true, true>(level, table, self.position, values, jacobian),
+            }
+        }
+    }
+}
+
+/// One level of a tile: `values` is `[2, p]`, `jacobian` `[2, 3, p]`, `table` this level's entries.
+#[inline(always)]
+fn encode_level<const HASHED: bool, const SMOOTH: bool>(
+    level: &LevelLayout,
+    table: &[f32],
+    position: [&[f32]; 3],
+    values: &mut [f32],
+    mut jacobian: Option<&mut [f32]>,
+) {
+    check_level(level, table.len());
+    let [x, y, z] = position.map(|axis| axis.as_chunks::<LANES>().0);
+    let blocks = x.len();
+    let values = values.as_chunks_mut::<LANES>().0;
+    for b in 0..blocks {
+        let cells = locate::<HASHED, SMOOTH>(level, &x[b], &y[b], &z[b]);
+        let corners = gather(table, &cells);
+        match &mut jacobian {
+            None => {
+                for f in 0..FEATURES {
+                    values[f * blocks + b] = blend(&corners[f], &cells.weight);
+                }
+            }
+            Some(jacobian) => {
+                let jacobian = jacobian.as_chunks_mut::<LANES>().0;
+                for f in 0..FEATURES {
+                    let (value, gradient) = blend_with_gradient(&corners[f], &cells);
+                    values[f * blocks + b] = value;
+                    for axis in 0..3 {
+                        jacobian[(3 * f + axis) * blocks + b] = gradient[axis];
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Both features of the eight corners of 16 cells: `[feature][corner][point]`.
+#[inline(always)]
+fn gather(table: &[f32], cells: &Cells) -> [[Lane; 8]; FEATURES] {
+    let mut corners = [[[0.0; LANES]; 8]; FEATURES];
+    for c in 0..8 {
+        for i in 0..LANES {
+            let entry = cells.index[c][i] as usize;
+            // SAFETY: `check_level` has proved that every index is an entry of this level, and an
+            // entry is two values; an unaligned read of 8 bytes then stays within the slice.
+            let word = unsafe { table.as_ptr().add(FEATURES * entry).cast::<u64>().read_unaligned() };
+            let word = word.to_le();
+            corners[0][c][i] = f32::from_bits(word as u32);
+            corners[1][c][i] = f32::from_bits((word >> 32) as u32);
+        }
+    }
+    corners
+}
+
+/// `a + w (b − a)`, point by point.
+#[inline(always)]
+fn lerp(a: &Lane, b: &Lane, w: &Lane) -> Lane {
+    let mut out = [0.0; LANES];
+    for i in 0..LANES {
+        out[i] = a[i] + w[i] * (b[i] - a[i]);
+    }
+    out
+}
+
+/// `b − a`, point by point.
+#[inline(always)]
+fn difference(a: &Lane, b: &Lane) -> Lane {
+    let mut out = [0.0; LANES];
+    for i in 0..LANES {
+        out[i] = b[i] - a[i];
+    }
+    out
+}
+
+/// The trilinear blend of a cell's corners: along x, then y, then z.
+#[inline(always)]
+fn blend(corners: &[Lane; 8], [x, y, z]: &[Lane; 3]) -> Lane {
+    let near = lerp(&lerp(&corners[0], &corners[1], x), &lerp(&corners[2], &corners[3], x), y);
+    let far = lerp(&lerp(&corners[4], &corners[5], x), &lerp(&corners[6], &corners[7], x), y);
+    lerp(&near, &far, z)
+}
+
+/// The blend and its derivative with respect to the position, from one tree: the derivative along
+/// an axis replaces the interpolation along it by a difference.
+#[inline(always)]
+fn blend_with_gradient(corners: &[Lane; 8], cells: &Cells) -> (Lane, [Lane; 3]) {
+    let [x, y, z] = &cells.weight;
+    let [c0, c1, c2, c3, c4, c5, c6, c7] = corners;
+    let (e0, e1) = (lerp(c0, c1, x), lerp(c2, c3, x));
+    let (e2, e3) = (lerp(c4, c5, x), lerp(c6, c7, x));
+    let (d0, d1) = (difference(c0, c1), difference(c2, c3));
+    let (d2, d3) = (difference(c4, c5), difference(c6, c7));
+    let (near, far) = (lerp(&e0, &e1, y), lerp(&e2, &e3, y));
+    let along_x = lerp(&lerp(&d0, &d1, y), &lerp(&d2, &d3, y), z);
+    let along_y = lerp(&difference(&e0, &e1), &difference(&e2, &e3), z);
+    let along_z = difference(&near, &far);
+    let mut gradient = [along_x, along_y, along_z];
+    for axis in 0..3 {
+        for i in 0..LANES {
+            gradient[axis][i] *= cells.slope[axis][i];
+        }
+    }
+    (lerp(&near, &far, z), gradient)
+}

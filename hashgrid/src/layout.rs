@@ -1,0 +1,136 @@
+//! Where each level's entries lie in the table.
+
+use crate::config::{GridConfig, GridConfigError, Interpolation};
+
+/// Features per table entry. Both of an entry's features are loaded as one 8-byte word.
+pub const FEATURES: usize = 2;
+
+/// Entries are handled in blocks of this many: 8 entries of 2 features are one 64-byte cache line.
+/// Each level starts at a block and fills whole blocks.
+pub const BLOCK_ENTRIES: usize = 8;
+
+/// One level of a [`GridLayout`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LevelLayout {
+    /// Cells per axis, `floor(base · b^level)`; there are `resolution + 1` grid nodes per axis.
+    pub resolution: u32,
+    /// Index of the level's first entry in the table.
+    pub offset: usize,
+    /// Number of entries; for a dense level rounded up to whole blocks, the rest is never used.
+    pub entries: usize,
+    /// Whether nodes are hashed into the entries, or each has its own.
+    pub hashed: bool,
+}
+
+/// All levels of a grid in one table `[entries, 2]`, row-major.
+///
+/// A level whose `(r+1)³` nodes fit into `T` entries is dense, with node `(x, y, z)` at
+/// `x + (r+1)·(y + (r+1)·z)`. Others are hashed: `x ⊕ 2654435761·y ⊕ 805459861·z`, modulo `T`, in
+/// 32-bit arithmetic (Müller et al. 2022, eq. 4).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GridLayout {
+    /// The levels, coarsest first.
+    pub levels: Vec<LevelLayout>,
+    /// How corners are blended, the same on all levels.
+    pub interpolation: Interpolation,
+}
+
+impl GridLayout {
+    /// Lays out the levels of `config`.
+    ///
+    /// # Panics
+    /// When the configuration is not valid; [`GridLayout::try_new`] returns the error instead.
+    pub fn new(config: &GridConfig) -> Self {
+        match Self::try_new(config) {
+            Ok(layout) => layout,
+            Err(error) => panic!("GridLayout::new: {error}"),
+        }
+    }
+
+    /// Lays out the levels of `config`.
+    ///
+    /// # Errors
+    /// See [`GridConfig::validate`].
+    pub fn try_new(config: &GridConfig) -> Result<Self, GridConfigError> {
+        config.validate()?;
+        let table_size = 1_usize << config.log2_table_size;
+        let mut offset = 0;
+        let levels = (0..config.levels)
+            .map(|level| {
+                let resolution = resolution(config, level);
+                let nodes = (u64::from(resolution) + 1).pow(3);
+                let hashed = nodes > table_size as u64;
+                let entries = if hashed {
+                    table_size
+                } else {
+                    (nodes as usize).next_multiple_of(BLOCK_ENTRIES)
+                };
+                let layout = LevelLayout { resolution, offset, entries, hashed };
+                offset += entries;
+                layout
+            })
+            .collect();
+        Ok(Self { levels, interpolation: config.interpolation })
+    }
+
+    /// Number of entries of the whole table.
+    pub fn entries(&self) -> usize {
+        self.levels.last().map_or(0, |level| level.offset + level.entries)
+    }
+
+    /// Number of features of an encoded point, `2 L`.
+    pub fn features(&self) -> usize {
+        FEATURES * self.levels.len()
+    }
+}
+
+/// `floor(base · b^level)` with `b^(L−1) = finest / base`.
+fn resolution(config: &GridConfig, level: usize) -> u32 {
+    let (base, finest) = (f64::from(config.base_resolution), f64::from(config.finest_resolution));
+    if level == 0 {
+        return config.base_resolution;
+    }
+    let exponent = level as f64 / (config.levels - 1) as f64;
+    // The small summand keeps levels that are whole numbers (the finest one) from falling below.
+    (base * (finest / base).powf(exponent) + 1e-6).floor() as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_papers_grid() {
+        let layout = GridLayout::new(&GridConfig::default());
+        assert_eq!(layout.levels.len(), 16);
+        assert_eq!(layout.levels[0].resolution, 16);
+        assert_eq!(layout.levels[1].resolution, 22);
+        assert_eq!(layout.levels[15].resolution, 2048);
+        let hashed: Vec<bool> = layout.levels.iter().map(|level| level.hashed).collect();
+        assert_eq!(hashed.iter().position(|h| *h), Some(5));
+        assert_eq!(layout.features(), 32);
+        let mut next = 0;
+        for level in &layout.levels {
+            assert_eq!(level.offset, next);
+            assert_eq!(level.entries % BLOCK_ENTRIES, 0);
+            next += level.entries;
+        }
+        assert_eq!(layout.entries(), next);
+    }
+
+    #[test]
+    fn bad_configurations_are_named() {
+        let bad = |change: fn(&mut GridConfig)| {
+            let mut config = GridConfig::default();
+            change(&mut config);
+            GridLayout::try_new(&config).unwrap_err()
+        };
+        assert_eq!(bad(|c| c.levels = 0), GridConfigError::NoLevels);
+        assert_eq!(bad(|c| c.features = 4), GridConfigError::Features(4));
+        assert_eq!(bad(|c| c.log2_table_size = 40), GridConfigError::TableSize(40));
+        assert_eq!(
+            bad(|c| c.finest_resolution = 8),
+            GridConfigError::Resolution { base: 16, finest: 8 }
+        );
+    }
+}

@@ -1,0 +1,115 @@
+//! What can go wrong, said so that a person can repair it.
+
+use std::path::{Path, PathBuf};
+
+/// Where in a file something was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// Bytes from the start of a binary file.
+    Byte(u64),
+    /// Line of a text file, counted from 1.
+    Line(usize),
+    /// The file as a whole.
+    File,
+}
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Place::Byte(offset) => write!(f, ", byte {offset}"),
+            Place::Line(line) => write!(f, ", line {line}"),
+            Place::File => Ok(()),
+        }
+    }
+}
+
+/// Every failure of this crate: which file, what is wrong, what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum ColmapError {
+    /// The operating system refused to read or write a file.
+    #[error("cannot {action} {}: {source}; check that it exists and that you may access it", path.display())]
+    Io {
+        /// `read`, `write`, `list` or `create`.
+        action: &'static str,
+        /// The file or folder concerned.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// A model file holds something that is not a valid COLMAP model.
+    #[error("{}{place}: {what}; {remedy}", path.display())]
+    Format {
+        /// The model file.
+        path: PathBuf,
+        /// Where in it.
+        place: Place,
+        /// What is wrong.
+        what: String,
+        /// What to do about it.
+        remedy: String,
+    },
+    /// The model and the photos do not make a usable scene.
+    #[error("{}: {what}; {remedy}", path.display())]
+    Scene {
+        /// The scene folder or photo.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+        /// What to do about it.
+        remedy: String,
+    },
+    /// The masks cannot be used with the scene.
+    #[error("{}: {what}; {remedy}", path.display())]
+    Mask {
+        /// The mask folder or mask file.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+        /// What to do about it.
+        remedy: String,
+    },
+}
+
+impl ColmapError {
+    pub(crate) fn io(action: &'static str, path: &Path, source: std::io::Error) -> Self {
+        Self::Io {
+            action,
+            path: path.to_path_buf(),
+            source,
+        }
+    }
+
+    pub(crate) fn scene(path: &Path, what: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self::Scene {
+            path: path.to_path_buf(),
+            what: what.into(),
+            remedy: remedy.into(),
+        }
+    }
+
+    pub(crate) fn mask(path: &Path, what: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self::Mask {
+            path: path.to_path_buf(),
+            what: what.into(),
+            remedy: remedy.into(),
+        }
+    }
+}
+
+/// A place in a model file, ready to turn a complaint into an error.
+#[derive(Clone, Copy)]
+pub(crate) struct Spot<'a> {
+    pub(crate) path: &'a Path,
+    pub(crate) place: Place,
+}
+
+impl Spot<'_> {
+    pub(crate) fn bad(&self, what: impl Into<String>, remedy: impl Into<String>) -> ColmapError {
+        ColmapError::Format {
+            path: self.path.to_path_buf(),
+            place: self.place,
+            what: what.into(),
+            remedy: remedy.into(),
+        }
+    }
+}

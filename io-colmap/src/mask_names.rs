@@ -1,0 +1,288 @@
+//! Which mask file belongs to which photo.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+/// From a photo's stem and full name to its mask's name without ending.
+type Naming = fn(&str, &str) -> String;
+
+/// The naming schemes by which masks are looked up; folders are handled apart.
+const SCHEMES: [(&str, Naming); 8] = [
+    ("stem.png", |stem, _| stem.to_owned()),
+    ("name.ext.png", |_, name| name.to_owned()),
+    ("stem_mask.png", |stem, _| format!("{stem}_mask")),
+    ("mask_stem.png", |stem, _| format!("mask_{stem}")),
+    ("stem.mask.png", |stem, _| format!("{stem}.mask")),
+    ("stem-mask.png", |stem, _| format!("{stem}-mask")),
+    ("dynamic_mask_stem.png", |stem, _| {
+        format!("dynamic_mask_{stem}")
+    }),
+    ("name.ext.mask.png", |_, name| format!("{name}.mask")),
+];
+
+/// Masks matched to photos.
+pub(crate) struct Matches {
+    /// Parallel to the photos: index of the mask file.
+    pub(crate) mask_of: Vec<Option<usize>>,
+    /// How they were matched, for the summary.
+    pub(crate) how: String,
+    /// Set where the match is a guess the user should check.
+    pub(crate) guess: Option<String>,
+}
+
+/// The path without its last ending: `a/b.jpg.png` gives `a/b.jpg`.
+fn without_ending(path: &str) -> &str {
+    let file_at = path.rfind('/').map_or(0, |i| i + 1);
+    match path[file_at..].rfind('.') {
+        Some(dot) if dot > 0 => &path[..file_at + dot],
+        _ => path,
+    }
+}
+
+fn split_folder(path: &str) -> (&str, &str) {
+    path.rfind('/').map_or(("", path), |i| path.split_at(i + 1))
+}
+
+/// The last run of digits in a path without its ending; leading zeros do not count.
+fn trailing_number(path: &str) -> Option<u128> {
+    let (_, stem) = split_folder(without_ending(path));
+    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let start = stem[..end]
+        .rfind(|c: char| !c.is_ascii_digit())
+        .map_or(0, |i| {
+            i + stem[i..].chars().next().map_or(1, char::len_utf8)
+        });
+    stem[start..end].parse().ok()
+}
+
+/// Matches photos (paths below the image folder) and masks (paths below the mask folder).
+///
+/// `all_photos` are all files of the image folder, registered or not. `None` if there is no match
+/// that could be trusted.
+pub(crate) fn match_masks(
+    photos: &[&str],
+    all_photos: &[String],
+    masks: &[String],
+) -> Option<Matches> {
+    by_name(photos, masks)
+        .or_else(|| by_number(photos, all_photos, masks))
+        .or_else(|| by_order(photos, all_photos, masks))
+}
+
+fn by_name(photos: &[&str], masks: &[String]) -> Option<Matches> {
+    let mut by_key: HashMap<&str, usize> = HashMap::new();
+    for (i, mask) in masks.iter().enumerate() {
+        // The list is sorted so that .png comes last: it wins over a .jpg of the same name.
+        by_key.insert(without_ending(mask), i);
+    }
+    let mut bare_count: HashMap<&str, usize> = HashMap::new();
+    for photo in photos {
+        *bare_count
+            .entry(without_ending(split_folder(photo).1))
+            .or_default() += 1;
+    }
+    let find = |photo: &str, key: Naming| -> Option<usize> {
+        let (folder, name) = split_folder(photo);
+        let wanted = key(without_ending(name), name);
+        by_key
+            .get(format!("{folder}{wanted}").as_str())
+            .copied()
+            .or_else(|| {
+                // Without the sub-folder only where that cannot be mistaken.
+                let unique = !folder.is_empty() && bare_count.get(without_ending(name)) == Some(&1);
+                if unique {
+                    by_key.get(wanted.as_str()).copied()
+                } else {
+                    None
+                }
+            })
+    };
+    let mut schemes: Vec<(usize, &str, Naming)> = SCHEMES
+        .iter()
+        .map(|&(label, key)| {
+            (
+                photos.iter().filter(|p| find(p, key).is_some()).count(),
+                label,
+                key,
+            )
+        })
+        .filter(|(hits, ..)| *hits > 0)
+        .collect();
+    schemes.sort_by_key(|(hits, ..)| std::cmp::Reverse(*hits));
+    let (_, label, _) = schemes.first()?;
+    let how = format!("named like {label}");
+    let mut taken = HashSet::new();
+    let mask_of = photos
+        .iter()
+        .map(|photo| {
+            schemes
+                .iter()
+                .filter_map(|(_, _, key)| find(photo, *key))
+                .find(|mask| taken.insert(*mask))
+        })
+        .collect();
+    Some(Matches {
+        mask_of,
+        how,
+        guess: None,
+    })
+}
+
+/// Numbered files whose padding or prefix differs: `frame_000.jpg` and `00000.png`.
+fn by_number(photos: &[&str], all_photos: &[String], masks: &[String]) -> Option<Matches> {
+    let mut mask_at = BTreeMap::new();
+    for (i, mask) in masks.iter().enumerate() {
+        if mask_at.insert(trailing_number(mask)?, i).is_some() {
+            return None;
+        }
+    }
+    let numbers: Vec<u128> = photos
+        .iter()
+        .map(|p| trailing_number(p))
+        .collect::<Option<_>>()?;
+    let distinct: HashSet<u128> = numbers.iter().copied().collect();
+    // A mask whose number no photo has means that the two are counted differently (from 0 and
+    // from 1, say): then equal numbers would pair the wrong files.
+    let known: HashSet<u128> = all_photos
+        .iter()
+        .filter_map(|p| trailing_number(p))
+        .chain(numbers.iter().copied())
+        .collect();
+    if distinct.len() != numbers.len() || mask_at.keys().any(|n| !known.contains(n)) {
+        return None;
+    }
+    let mask_of: Vec<Option<usize>> = numbers.iter().map(|n| mask_at.get(n).copied()).collect();
+    if mask_of.iter().all(Option::is_none) {
+        return None;
+    }
+    let how = "with the photo's number".to_owned();
+    let guess = "masks were matched to photos by the number in their names".to_owned();
+    Some(Matches {
+        mask_of,
+        how,
+        guess: Some(guess),
+    })
+}
+
+/// As many masks as photos: the first belongs to the first, and so on.
+fn by_order(photos: &[&str], all_photos: &[String], masks: &[String]) -> Option<Matches> {
+    let everything: Vec<&str> = all_photos.iter().map(String::as_str).collect();
+    let list: &[&str] = if masks.len() == photos.len() {
+        photos
+    } else if masks.len() == everything.len() {
+        &everything
+    } else {
+        return None;
+    };
+    let mut photo_order = list.to_vec();
+    photo_order.sort_by_key(|p| natural(p));
+    let mut mask_order: Vec<usize> = (0..masks.len()).collect();
+    mask_order.sort_by_key(|&i| natural(&masks[i]));
+    let pairs: HashMap<&str, usize> = photo_order
+        .iter()
+        .copied()
+        .zip(mask_order.iter().copied())
+        .collect();
+    let mask_of = photos.iter().map(|p| pairs.get(p).copied()).collect();
+    let guess = format!(
+        "no mask has a photo's name; there are as many masks as photos ({}), so they were matched in sorted order, {} to {}: check that this is right",
+        masks.len(),
+        mask_order.first().map_or("", |&i| masks[i].as_str()),
+        photo_order.first().copied().unwrap_or_default()
+    );
+    Some(Matches {
+        mask_of,
+        how: "in sorted order".to_owned(),
+        guess: Some(guess),
+    })
+}
+
+/// A sort key under which `img2` comes before `img10`: digits as numbers, the rest as text.
+fn natural(name: &str) -> Vec<(u128, String)> {
+    let mut parts: Vec<(u128, String)> = Vec::new();
+    let mut rest = without_ending(name);
+    while !rest.is_empty() {
+        let text_end = rest
+            .find(|c: char| c.is_ascii_digit())
+            .unwrap_or(rest.len());
+        let (text, tail) = rest.split_at(text_end);
+        let digits_end = tail
+            .find(|c: char| !c.is_ascii_digit())
+            .unwrap_or(tail.len());
+        let (digits, tail) = tail.split_at(digits_end);
+        parts.push((0, text.to_owned()));
+        parts.push((digits.parse().unwrap_or(u128::MAX), String::new()));
+        rest = tail;
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn pairs(photos: &[&str], masks: &[&str]) -> Option<Vec<Option<usize>>> {
+        let masks: Vec<String> = masks.iter().map(|m| (*m).to_owned()).collect();
+        let all: Vec<String> = photos.iter().map(|m| (*m).to_owned()).collect();
+        match_masks(photos, &all, &masks).map(|m| m.mask_of)
+    }
+
+    #[test]
+    fn every_naming_scheme_matches() {
+        let photos = ["a.jpg", "b.JPG"];
+        for masks in [
+            ["a.png", "b.png"],
+            ["a.jpg", "b.jpeg"],
+            ["a.jpg.png", "b.JPG.png"],
+            ["a_mask.png", "b_mask.png"],
+            ["mask_a.png", "mask_b.png"],
+            ["a.mask.png", "b.mask.png"],
+            ["dynamic_mask_a.png", "dynamic_mask_b.png"],
+        ] {
+            assert_eq!(
+                pairs(&photos, &masks),
+                Some(vec![Some(0), Some(1)]),
+                "{masks:?}"
+            );
+        }
+        assert_eq!(pairs(&photos, &["b_mask.png"]), Some(vec![None, Some(0)]));
+        assert_eq!(
+            pairs(&["c1/a.jpg", "c2/a.jpg"], &["c2/a.png"]),
+            Some(vec![None, Some(0)])
+        );
+        assert_eq!(pairs(&["c1/a.jpg", "c2/a.jpg"], &["a.png"]), None);
+        assert_eq!(
+            pairs(&["c1/a.jpg", "c2/b.jpg"], &["b.png"]),
+            Some(vec![None, Some(0)])
+        );
+    }
+
+    #[test]
+    fn numbers_match_across_padding_but_not_across_counting() {
+        let photos = ["frame_000.jpg", "frame_001.jpg", "frame_010.jpg"];
+        assert_eq!(
+            pairs(&photos, &["00001.png", "10.png"]),
+            Some(vec![None, Some(0), Some(1)])
+        );
+        // Counted from 1: falls back to order.
+        let shifted = pairs(
+            &["0.jpg", "1.jpg", "2.jpg"],
+            &["m1.png", "m2.png", "m3.png"],
+        );
+        assert_eq!(shifted, Some(vec![Some(0), Some(1), Some(2)]));
+        // Neither names, numbers nor counts agree: no guess.
+        assert_eq!(pairs(&["0.jpg", "1.jpg"], &["7.png"]), None);
+        // Natural order: 2 before 10.
+        let order = pairs(&["x.jpg", "y.jpg"], &["m10.png", "m2.png"]);
+        assert_eq!(order, Some(vec![Some(1), Some(0)]));
+    }
+
+    #[test]
+    fn odd_names_do_not_break_the_search_for_numbers() {
+        assert_eq!(trailing_number("a/ü12ß.png"), Some(12));
+        assert_eq!(trailing_number("ü.png"), None);
+        assert_eq!(trailing_number(".7"), Some(7));
+        assert_eq!(trailing_number(&"9".repeat(60)), None);
+        assert!(match_masks(&[], &[], &[]).unwrap().mask_of.is_empty());
+    }
+}

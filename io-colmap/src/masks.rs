@@ -1,0 +1,369 @@
+//! A folder of masks: found, matched to the photos, and understood.
+
+use crate::error::ColmapError;
+use crate::mask_names::match_masks;
+use crate::polarity::{Polarity, Share, decide};
+use crate::scene::{Scene, same_shape};
+use image::{DynamicImage, GrayImage};
+use rayon::prelude::*;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+/// An 8-bit image with one channel.
+pub type GreyImage = GrayImage;
+
+/// How deep sub-folders of the mask folder are searched.
+const MAX_DEPTH: usize = 4;
+
+/// The masks of a scene; photos without one are fine.
+#[derive(Debug, Clone)]
+pub struct MaskSet {
+    /// Parallel to the views of [`Scene::model`]; `None` where a photo has no mask.
+    pub paths: Vec<Option<PathBuf>>,
+    /// What the files mean. [`MaskSet::load`] always returns white for the object.
+    pub polarity: Polarity,
+    /// Names of the photos without a mask.
+    pub missing: Vec<String>,
+    /// Decisions taken, one sentence each, for the user to see. The first is the summary.
+    pub notes: Vec<String>,
+    /// Files hold the labels 0 and 1 instead of black and white.
+    labels: bool,
+}
+
+/// What one look at a mask file tells.
+struct Look {
+    size: (u32, u32),
+    brightest: u8,
+    /// As found, and with the labels 0 and 1 stretched to black and white.
+    share: [Share; 2],
+}
+
+impl MaskSet {
+    /// Finds the masks in `dir` that belong to the scene's photos.
+    ///
+    /// Names are tried in the forms that tools write (`a.png`, `a.jpg.png`, `a_mask.png`,
+    /// `mask_a.png`, `a.mask.png`, `dynamic_mask_a.png`; also .jpg and .jpeg), then the number in
+    /// them, then their order. Polarity is decided over all masks together unless given.
+    ///
+    /// # Errors
+    /// [`ColmapError::Mask`] where nothing matches, a mask cannot be read or has another shape
+    /// than its photo, or no mask shows an object.
+    pub fn find(
+        dir: &Path,
+        scene: &Scene,
+        polarity: Option<Polarity>,
+    ) -> Result<MaskSet, ColmapError> {
+        let views = &scene.model.views;
+        let photos: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
+        let mut files = Vec::new();
+        list_images(dir, "", MAX_DEPTH, &mut files).map_err(|e| ColmapError::io("list", dir, e))?;
+        let mut all_photos = Vec::new();
+        list_images(&scene.image_dir, "", MAX_DEPTH, &mut all_photos)
+            .map_err(|e| ColmapError::io("list", &scene.image_dir, e))?;
+        if let (Ok(dir), Ok(images)) = (dir.canonicalize(), scene.image_dir.canonicalize()) {
+            if dir == images {
+                let registered: HashSet<&str> = photos.iter().copied().collect();
+                files.retain(|file| !registered.contains(file.as_str()));
+            }
+            // Masks below the photo folder are not photos, whose numbers they might resemble.
+            all_photos.retain(|file| !images.join(file).starts_with(&dir));
+        }
+        if files.is_empty() {
+            return Err(ColmapError::mask(
+                dir,
+                "the folder holds no PNG or JPEG masks",
+                "give the folder the masks lie in",
+            ));
+        }
+        let Some(matches) = match_masks(&photos, &all_photos, &files) else {
+            return Err(ColmapError::mask(
+                dir,
+                format!(
+                    "none of the {} masks (such as {:?}) can be matched to one of the {} photos (such as {:?})",
+                    files.len(),
+                    files[0],
+                    photos.len(),
+                    photos.first().copied().unwrap_or_default()
+                ),
+                "name each mask like its photo, with the ending .png",
+            ));
+        };
+        let paths: Vec<Option<PathBuf>> = matches
+            .mask_of
+            .iter()
+            .map(|m| m.map(|i| dir.join(&files[i])))
+            .collect();
+        let missing: Vec<String> = photos
+            .iter()
+            .zip(&paths)
+            .filter(|(_, path)| path.is_none())
+            .map(|(name, _)| (*name).to_owned())
+            .collect();
+
+        let looks: Vec<Look> = paths
+            .par_iter()
+            .zip(views)
+            .filter_map(|(path, view)| {
+                let path = path.as_ref()?;
+                let photo_size = scene
+                    .model
+                    .cameras
+                    .get(&view.camera_id)
+                    .map(|c| (c.width, c.height));
+                Some(look(path, &scene.image_path(view), photo_size))
+            })
+            .collect::<Result<_, _>>()?;
+        // JPEG is left out: its noise turns black into ones here and there.
+        let labels = paths
+            .iter()
+            .flatten()
+            .all(|p| p.extension().is_some_and(is_png))
+            && looks.iter().all(|look| look.brightest <= 1)
+            && looks.iter().any(|look| look.brightest == 1);
+        let shares: Vec<Share> = looks
+            .iter()
+            .map(|look| look.share[usize::from(labels)])
+            .collect();
+        if shares.iter().all(Share::is_plain) {
+            let colour = if shares.iter().all(|s| s.all < 0.5) {
+                "all black"
+            } else if shares.iter().all(|s| s.all > 0.5) {
+                "all white"
+            } else {
+                "of a single colour each"
+            };
+            return Err(ColmapError::mask(
+                dir,
+                format!(
+                    "the {} masks found are {colour}, so none shows an object",
+                    shares.len()
+                ),
+                "check how they were exported, or run without masks",
+            ));
+        }
+
+        let (detected, reasons) = decide(&shares);
+        let polarity = polarity.unwrap_or(detected);
+        let mut summary = format!(
+            "{} of {} photos have a mask ({}), {} have none",
+            looks.len(),
+            photos.len(),
+            matches.how,
+            missing.len()
+        );
+        if !missing.is_empty() {
+            let some: Vec<&str> = missing.iter().take(5).map(String::as_str).collect();
+            let more = if missing.len() > some.len() {
+                ", ..."
+            } else {
+                ""
+            };
+            summary.push_str(&format!(" ({}{more})", some.join(", ")));
+        }
+        let mut notes = vec![summary];
+        notes.push(if polarity == detected {
+            reasons
+        } else {
+            format!("{polarity} as stated, though the masks look like {reasons}")
+        });
+        notes.extend(matches.guess);
+        let unused = files.len() - looks.len();
+        if unused > 0 {
+            notes.push(format!(
+                "{unused} files in {} belong to no registered photo",
+                dir.display()
+            ));
+        }
+        if labels {
+            notes.push("masks hold the labels 0 and 1, read as black and white".to_owned());
+        }
+        let resized = looks
+            .iter()
+            .zip(views.iter().zip(&paths).filter(|(_, p)| p.is_some()));
+        let resized = resized
+            .filter(|(look, (view, _))| {
+                scene
+                    .model
+                    .cameras
+                    .get(&view.camera_id)
+                    .is_some_and(|c| look.size != (c.width, c.height))
+            })
+            .count();
+        if resized > 0 {
+            notes.push(format!(
+                "{resized} masks have another size than their photo and are resized"
+            ));
+        }
+        Ok(MaskSet {
+            paths,
+            polarity,
+            missing,
+            notes,
+            labels,
+        })
+    }
+
+    /// One line: how many masks were found, how, and which colour is the object.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        self.notes
+            .iter()
+            .take(2)
+            .map(String::as_str)
+            .collect::<Vec<_>>()
+            .join("; ")
+    }
+
+    /// The mask of view `i`, white for the object, at the size asked for in pixels; `None` where
+    /// the photo has no mask or there is no such view.
+    ///
+    /// # Errors
+    /// [`ColmapError::Mask`] if the file cannot be read, or is of another shape.
+    pub fn load(
+        &self,
+        i: usize,
+        width: u32,
+        height: u32,
+    ) -> Result<Option<GreyImage>, ColmapError> {
+        let Some(Some(path)) = self.paths.get(i) else {
+            return Ok(None);
+        };
+        let mut mask = read_mask(path)?;
+        let (w, h) = mask.dimensions();
+        if (w, h) != (width, height) && !same_shape((w, h), (width, height)) {
+            return Err(ColmapError::mask(
+                path,
+                format!("the mask is {w}x{h} but {width}x{height} is needed, another shape"),
+                "make the mask from the photo itself, without cropping",
+            ));
+        }
+        if self.labels {
+            stretch_labels(&mut mask);
+        }
+        if self.polarity == Polarity::BlackIsObject {
+            mask.iter_mut().for_each(|value| *value = 255 - *value);
+        }
+        if (w, h) != (width, height) {
+            mask = image::imageops::resize(
+                &mask,
+                width,
+                height,
+                image::imageops::FilterType::Triangle,
+            );
+        }
+        Ok(Some(mask))
+    }
+}
+
+fn look(path: &Path, photo: &Path, photo_size: Option<(u32, u32)>) -> Result<Look, ColmapError> {
+    let mut mask = read_mask(path)?;
+    let size = mask.dimensions();
+    if let Some((w, h)) = photo_size
+        && !same_shape(size, (w, h))
+    {
+        return Err(ColmapError::mask(
+            path,
+            format!(
+                "the mask is {}x{} but its photo {} is {w}x{h}, another shape",
+                size.0,
+                size.1,
+                photo.display()
+            ),
+            "make the mask from the photo itself, without cropping",
+        ));
+    }
+    let brightest = mask.iter().copied().max().unwrap_or(0);
+    let plain = Share::of(&mask);
+    stretch_labels(&mut mask);
+    Ok(Look {
+        size,
+        brightest,
+        share: [plain, Share::of(&mask)],
+    })
+}
+
+fn is_png(ending: &std::ffi::OsStr) -> bool {
+    ending.eq_ignore_ascii_case("png")
+}
+
+fn stretch_labels(mask: &mut GreyImage) {
+    mask.iter_mut()
+        .for_each(|value| *value = value.saturating_mul(255));
+}
+
+/// Any PNG or JPEG as one channel: its alpha where that says something, else its luma.
+fn read_mask(path: &Path) -> Result<GreyImage, ColmapError> {
+    let decoded = image::ImageReader::open(path)
+        .and_then(image::ImageReader::with_guessed_format)
+        .map_err(|e| ColmapError::io("read", path, e))?
+        .decode()
+        .map_err(|e| {
+            ColmapError::mask(
+                path,
+                format!("the mask cannot be decoded ({e})"),
+                "it must be a PNG or JPEG file; export it again",
+            )
+        })?;
+    Ok(to_grey(&decoded))
+}
+
+fn to_grey(image: &DynamicImage) -> GreyImage {
+    if image.color().has_alpha() {
+        let alpha = image.to_rgba16();
+        let first = alpha.pixels().next().map(|p| p.0[3]);
+        if alpha.pixels().any(|p| Some(p.0[3]) != first) {
+            return GreyImage::from_fn(alpha.width(), alpha.height(), |x, y| {
+                image::Luma([eight_bits(alpha.get_pixel(x, y).0[3])])
+            });
+        }
+    }
+    if image.color().bytes_per_pixel() / image.color().channel_count() == 1 {
+        return image.to_luma8();
+    }
+    let wide = image.to_luma16();
+    // Some tools store 8-bit masks, or the labels 0 and 1, in 16 bits without rescaling.
+    let small = wide.iter().all(|&value| value <= 255);
+    GreyImage::from_fn(wide.width(), wide.height(), |x, y| {
+        let value = wide.get_pixel(x, y).0[0];
+        image::Luma([if small {
+            value as u8
+        } else {
+            eight_bits(value)
+        }])
+    })
+}
+
+fn eight_bits(value: u16) -> u8 {
+    ((u32::from(value) + 128) / 257) as u8
+}
+
+/// PNG and JPEG files below `dir`, as sorted paths with `/`; PNG after JPEG of the same name.
+fn list_images(
+    dir: &Path,
+    prefix: &str,
+    depth: usize,
+    out: &mut Vec<String>,
+) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(dir)? {
+        let entry = entry?;
+        // A name that is not UTF-8 cannot be a registered photo's.
+        let Ok(name) = entry.file_name().into_string() else {
+            continue;
+        };
+        if name.starts_with('.') {
+            continue;
+        }
+        let path = entry.path();
+        if path.is_dir() {
+            if depth > 0 {
+                list_images(&path, &format!("{prefix}{name}/"), depth - 1, out)?;
+            }
+        } else if let Some((_, ending)) = name.rsplit_once('.')
+            && ["png", "jpg", "jpeg"].contains(&ending.to_ascii_lowercase().as_str())
+        {
+            out.push(format!("{prefix}{name}"));
+        }
+    }
+    out.sort();
+    Ok(())
+}

@@ -1,0 +1,298 @@
+//! A scene folder: which model, which photos, and whether they belong together.
+
+use crate::error::ColmapError;
+use crate::model::{Format, Model, View};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Photo folders by name, in the order in which they are preferred.
+const IMAGE_FOLDERS: [&str; 9] = [
+    "images",
+    "image",
+    "input",
+    "rgb",
+    "imgs",
+    "photos",
+    "colmap/images",
+    "../images",
+    "../../images",
+];
+
+/// Two sizes count as the same picture if their aspect ratios differ by no more than this.
+const ASPECT_TOLERANCE: f64 = 0.01;
+
+/// A model together with its photos, checked against each other.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// The folder that was opened.
+    pub root: PathBuf,
+    /// The folder that [`View::name`] is relative to.
+    pub image_dir: PathBuf,
+    /// With at least one view; every camera has its photos' true size.
+    pub model: Model,
+    /// Decisions taken, one sentence each, for the user to see.
+    pub notes: Vec<String>,
+}
+
+impl Scene {
+    /// Finds the model and the photos in a scene folder.
+    ///
+    /// The model is looked for in `sparse/` and its sub-folders, the folder itself and its
+    /// sub-folders, and `colmap/sparse/`; among sub-models the one with the most registered photos is taken.
+    /// Photos are looked for in `images/`, other usual names, and the folder itself. Only their
+    /// headers are read: where a photo has another size than its camera but the same shape, the
+    /// camera is scaled to it.
+    ///
+    /// # Errors
+    /// [`ColmapError`] where there is no model, it is damaged or without photos, a registered
+    /// photo is missing or unreadable, or has another shape than its camera.
+    pub fn open(dir: &Path) -> Result<Scene, ColmapError> {
+        if !dir.is_dir() {
+            return Err(ColmapError::scene(
+                dir,
+                "there is no such folder",
+                "give the folder that holds images/ and sparse/",
+            ));
+        }
+        let mut notes = Vec::new();
+        let (model_dir, mut model) = find_model(dir, &mut notes)?;
+        if model.views.is_empty() {
+            return Err(ColmapError::scene(
+                &model_dir,
+                "the model has no registered photos",
+                "the reconstruction failed; take more photos with more overlap and run it again",
+            ));
+        }
+        let image_dir = find_images(dir, &model, &mut notes)?;
+        fit_cameras(&mut model, &image_dir, &mut notes)?;
+        Ok(Scene {
+            root: dir.to_path_buf(),
+            image_dir,
+            model,
+            notes,
+        })
+    }
+
+    /// Where a view's photo lies.
+    #[must_use]
+    pub fn image_path(&self, view: &View) -> PathBuf {
+        self.image_dir.join(&view.name)
+    }
+}
+
+/// Whether two sizes show the same picture up to its resolution.
+pub(crate) fn same_shape(a: (u32, u32), b: (u32, u32)) -> bool {
+    if a.0.min(a.1).min(b.0).min(b.1) == 0 {
+        return false;
+    }
+    let cross = |p: (u32, u32), q: (u32, u32)| f64::from(p.0) * f64::from(q.1);
+    let (x, y) = (cross(a, b), cross(b, a));
+    (x - y).abs() <= ASPECT_TOLERANCE * y
+}
+
+/// Sub-folders in order of their number, then of their name.
+fn sub_folders(dir: &Path) -> Vec<PathBuf> {
+    let mut all: Vec<PathBuf> = std::fs::read_dir(dir)
+        .map(|entries| {
+            entries
+                .flatten()
+                .map(|e| e.path())
+                .filter(|p| p.is_dir())
+                .collect()
+        })
+        .unwrap_or_default();
+    all.sort_by_key(|path| {
+        let name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        (name.parse::<u64>().unwrap_or(u64::MAX), name)
+    });
+    all
+}
+
+fn find_model(dir: &Path, notes: &mut Vec<String>) -> Result<(PathBuf, Model), ColmapError> {
+    let pool = |sparse: PathBuf| {
+        let mut candidates = sub_folders(&sparse);
+        candidates.push(sparse);
+        candidates.retain(|path| Format::of(path).is_some());
+        candidates
+    };
+    let candidates = [
+        pool(dir.join("sparse")),
+        pool(dir.to_path_buf()),
+        pool(dir.join("colmap/sparse")),
+    ]
+    .into_iter()
+    .find(|candidates| !candidates.is_empty());
+    let Some(candidates) = candidates else {
+        return Err(ColmapError::scene(
+            dir,
+            "no COLMAP model was found in sparse/, its sub-folders, the folder itself or colmap/sparse/",
+            "put cameras, images and points3D (.bin or .txt) into sparse/0",
+        ));
+    };
+    let mut counts = Vec::new();
+    let mut best: Option<(PathBuf, Model)> = None;
+    for path in candidates {
+        let model = Model::read(&path)?;
+        counts.push(format!("{} has {}", shown(&path, dir), model.views.len()));
+        if best
+            .as_ref()
+            .is_none_or(|(_, so_far)| model.views.len() > so_far.views.len())
+        {
+            best = Some((path, model));
+        }
+    }
+    let Some((path, model)) = best else {
+        // Unreachable: the list of candidates is not empty.
+        return Err(ColmapError::scene(
+            dir,
+            "no COLMAP model was found",
+            "check the folder",
+        ));
+    };
+    if counts.len() > 1 {
+        notes.push(format!(
+            "there are {} models; {} was taken because it has the most registered photos ({})",
+            counts.len(),
+            shown(&path, dir),
+            counts.join(", ")
+        ));
+    } else if !path.starts_with(dir.join("sparse")) {
+        notes.push(format!("the model is taken from {}", path.display()));
+    }
+    Ok((path, model))
+}
+
+/// A path as the user thinks of it, from the scene folder down.
+fn shown(path: &Path, root: &Path) -> String {
+    match path.strip_prefix(root) {
+        Ok(rest) if rest.as_os_str().is_empty() => ".".to_owned(),
+        Ok(rest) => rest.display().to_string(),
+        Err(_) => path.display().to_string(),
+    }
+}
+
+fn find_images(dir: &Path, model: &Model, notes: &mut Vec<String>) -> Result<PathBuf, ColmapError> {
+    let mut best: Option<(PathBuf, Vec<&str>)> = None;
+    for name in IMAGE_FOLDERS.iter().copied().chain([""]) {
+        let folder = if name.is_empty() {
+            dir.to_path_buf()
+        } else {
+            dir.join(name)
+        };
+        if !folder.is_dir() {
+            continue;
+        }
+        let missing: Vec<&str> = model
+            .views
+            .iter()
+            .map(|view| view.name.as_str())
+            .filter(|name| !folder.join(name).is_file())
+            .collect();
+        if missing.is_empty() {
+            if name != "images" {
+                notes.push(format!("photos are taken from {}", folder.display()));
+            }
+            return Ok(folder);
+        }
+        if best
+            .as_ref()
+            .is_none_or(|(_, fewest)| missing.len() < fewest.len())
+        {
+            best = Some((folder, missing));
+        }
+    }
+    let (folder, missing) = best.unwrap_or_else(|| (dir.to_path_buf(), Vec::new()));
+    let first = missing.first().copied().unwrap_or_default();
+    Err(ColmapError::scene(
+        &folder.join(first),
+        format!(
+            "this registered photo is missing, as are {} more of the model's {}",
+            missing.len().saturating_sub(1),
+            model.views.len()
+        ),
+        "put the photos into images/ under the names they were registered with",
+    ))
+}
+
+/// The size in a photo's header, in pixels.
+pub(crate) fn image_size(path: &Path) -> Result<(u32, u32), image::ImageError> {
+    image::ImageReader::open(path)?
+        .with_guessed_format()?
+        .into_dimensions()
+}
+
+/// Brings every camera to the size of its photos, or says which photo cannot be its.
+fn fit_cameras(
+    model: &mut Model,
+    image_dir: &Path,
+    notes: &mut Vec<String>,
+) -> Result<(), ColmapError> {
+    let sizes: Vec<(u32, u32)> = model
+        .views
+        .par_iter()
+        .map(|view| {
+            let path = image_dir.join(&view.name);
+            image_size(&path).map_err(|e| {
+                ColmapError::scene(
+                    &path,
+                    format!("the photo's header cannot be read ({e})"),
+                    "it must be a PNG or JPEG file; copy or convert it again",
+                )
+            })
+        })
+        .collect::<Result<_, _>>()?;
+
+    // Views by camera and true size; photos of one camera may have been resized differently.
+    let mut groups: BTreeMap<(u32, (u32, u32)), Vec<usize>> = BTreeMap::new();
+    for (i, (view, &size)) in model.views.iter().zip(&sizes).enumerate() {
+        groups.entry((view.camera_id, size)).or_default().push(i);
+    }
+    let originals = model.cameras.clone();
+    for (&id, camera) in &originals {
+        let stated = (camera.width, camera.height);
+        // Whoever keeps the camera's number: the photos of its own size, else the first others.
+        let mut number_is_free = !groups.contains_key(&(id, stated));
+        for ((_, size), members) in groups.range((id, (0, 0))..=(id, (u32::MAX, u32::MAX))) {
+            if *size == stated {
+                continue;
+            }
+            let photo = &model.views[members[0]].name;
+            if !same_shape(*size, stated) {
+                let turned = same_shape((size.1, size.0), stated);
+                return Err(ColmapError::scene(
+                    &image_dir.join(photo),
+                    format!(
+                        "the photo is {}x{} but its camera {id} is {}x{}, another shape",
+                        size.0, size.1, stated.0, stated.1
+                    ),
+                    if turned {
+                        "it seems to have been turned; use the photos the model was made from"
+                    } else {
+                        "use the photos the model was made from, or scale them without cropping"
+                    },
+                ));
+            }
+            notes.push(format!(
+                "camera {id} is stated for {}x{} but {} of its photos are {}x{} ({photo}): scaled to them",
+                stated.0, stated.1, members.len(), size.0, size.1
+            ));
+            let mut scaled = camera.scaled_to(size.0, size.1);
+            if number_is_free {
+                number_is_free = false;
+            } else {
+                let unused = (1..=u32::MAX).find(|n| !model.cameras.contains_key(n));
+                scaled.id = unused.unwrap_or_default();
+                for &i in members {
+                    model.views[i].camera_id = scaled.id;
+                }
+            }
+            model.cameras.insert(scaled.id, scaled);
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,10 @@
+//! Everything that needs files, in one binary so that it links once.
+#![allow(clippy::unwrap_used)]
+
+mod damage;
+mod formats;
+mod lenses;
+mod masks;
+mod sample;
+mod scenes;
+mod shared_scenes;

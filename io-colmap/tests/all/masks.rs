@@ -1,0 +1,228 @@
+//! Masks on disk: names, polarity, pixel formats, sizes.
+
+use crate::sample::{small, write_scene};
+use image::{DynamicImage, GrayImage, Luma, Rgba};
+use io_colmap::{MaskSet, Polarity, Scene};
+use std::path::Path;
+
+const PHOTOS: [&str; 4] = ["p0.png", "p1.png", "p2.png", "p3.png"];
+
+fn scene(dir: &Path) -> Scene {
+    write_scene(dir, &small(&PHOTOS));
+    Scene::open(dir).unwrap()
+}
+
+/// A disc in the middle: `inside` on `outside`.
+fn disc(w: u32, h: u32, inside: u8, outside: u8) -> GrayImage {
+    GrayImage::from_fn(w, h, |x, y| {
+        let (dx, dy) = (
+            f64::from(x) - f64::from(w) / 2.0,
+            f64::from(y) - f64::from(h) / 2.0,
+        );
+        Luma([if dx.hypot(dy) < f64::from(h) * 0.3 {
+            inside
+        } else {
+            outside
+        }])
+    })
+}
+
+fn save(dir: &Path, name: &str, image: impl Into<DynamicImage>) {
+    std::fs::create_dir_all(dir).unwrap();
+    image.into().save(dir.join(name)).unwrap();
+}
+
+#[test]
+fn names_are_matched_and_missing_ones_counted() {
+    for (first, second) in [
+        ("p0.png", "p2.png"),
+        ("p0.png.png", "p2.png.png"),
+        ("p0_mask.png", "p2_mask.png"),
+        ("mask_p0.png", "mask_p2.png"),
+        ("p0.mask.png", "p2.mask.png"),
+        ("dynamic_mask_p0.png", "dynamic_mask_p2.png"),
+        ("p0.jpg", "p2.jpeg"),
+        ("0000.png", "0002.png"),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        let scene = scene(dir.path());
+        let masks = dir.path().join("masks");
+        save(&masks, first, disc(64, 48, 255, 0));
+        save(&masks, second, disc(64, 48, 255, 0));
+        let set = MaskSet::find(&masks, &scene, None).unwrap();
+        assert_eq!(set.paths[0], Some(masks.join(first)));
+        assert_eq!(set.paths[2], Some(masks.join(second)));
+        assert_eq!(set.missing, ["p1.png", "p3.png"]);
+        assert!(set.load(1, 64, 48).unwrap().is_none() && set.load(99, 64, 48).unwrap().is_none());
+        let summary = set.summary();
+        assert!(
+            summary.starts_with("2 of 4 photos have a mask ("),
+            "{summary}"
+        );
+        assert!(
+            summary.contains("2 have none (p1.png, p3.png); white = object"),
+            "{summary}"
+        );
+    }
+}
+
+#[test]
+fn masks_beside_the_photos_and_in_sorted_order() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = scene(dir.path());
+    save(&scene.image_dir, "p1_mask.png", disc(64, 48, 255, 0));
+    let set = MaskSet::find(&scene.image_dir, &scene, None).unwrap();
+    assert_eq!(set.missing, ["p0.png", "p2.png", "p3.png"]);
+
+    let masks = dir.path().join("other");
+    for name in ["w.png", "x.png", "y.png", "z.png"] {
+        save(&masks, name, disc(64, 48, 255, 0));
+    }
+    std::fs::remove_file(scene.image_dir.join("p1_mask.png")).unwrap();
+    let set = MaskSet::find(&masks, &scene, None).unwrap();
+    assert_eq!(set.paths[3], Some(masks.join("z.png")));
+    assert!(
+        set.notes.iter().any(|n| n.contains("sorted order")),
+        "{:?}",
+        set.notes
+    );
+
+    std::fs::remove_file(masks.join("z.png")).unwrap();
+    let error = MaskSet::find(&masks, &scene, None).unwrap_err().to_string();
+    assert!(
+        error.contains("none of the 3 masks (such as \"w.png\")"),
+        "{error}"
+    );
+    assert!(error.contains("; name each mask like its photo"), "{error}");
+}
+
+#[test]
+fn polarity_is_found_jointly_and_can_be_stated() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = scene(dir.path());
+    let masks = dir.path().join("masks");
+    // Black is the object; one mask is wrong and one empty, which must not tip the balance.
+    save(&masks, "p0.png", disc(64, 48, 0, 255));
+    save(&masks, "p1.png", disc(64, 48, 0, 255));
+    save(&masks, "p2.png", disc(64, 48, 255, 0));
+    save(&masks, "p3.png", disc(64, 48, 0, 0));
+    let set = MaskSet::find(&masks, &scene, None).unwrap();
+    assert_eq!(set.polarity, Polarity::BlackIsObject);
+    assert!(
+        set.summary().contains("black = object: on average"),
+        "{}",
+        set.summary()
+    );
+    assert!(
+        set.summary()
+            .contains("2 of 3 masks agree; this is not certain"),
+        "{}",
+        set.summary()
+    );
+    let mask = set.load(0, 64, 48).unwrap().unwrap();
+    assert_eq!(
+        (mask.get_pixel(32, 24).0, mask.get_pixel(0, 0).0),
+        ([255], [0])
+    );
+
+    let set = MaskSet::find(&masks, &scene, Some(Polarity::WhiteIsObject)).unwrap();
+    assert_eq!(
+        set.load(0, 64, 48).unwrap().unwrap().get_pixel(32, 24).0,
+        [0]
+    );
+    assert!(
+        set.summary().contains("white = object as stated, though"),
+        "{}",
+        set.summary()
+    );
+}
+
+#[test]
+fn every_pixel_format_gives_the_same_mask() {
+    let grey = disc(64, 48, 255, 0);
+    let expected = [255, 0];
+    let wide = image::ImageBuffer::from_fn(64, 48, |x, y| {
+        Luma([u16::from(grey.get_pixel(x, y).0[0]) * 257])
+    });
+    let wide_small =
+        image::ImageBuffer::from_fn(64, 48, |x, y| Luma([u16::from(grey.get_pixel(x, y).0[0])]));
+    let cut_out =
+        image::RgbaImage::from_fn(64, 48, |x, y| Rgba([40, 50, 60, grey.get_pixel(x, y).0[0]]));
+    let opaque = DynamicImage::from(grey.clone()).to_rgba8();
+    for image in [
+        DynamicImage::from(grey.clone()),
+        DynamicImage::from(grey.clone()).to_rgb8().into(),
+        opaque.into(),
+        cut_out.into(),
+        DynamicImage::ImageLuma16(wide),
+        DynamicImage::ImageLuma16(wide_small),
+        DynamicImage::from(disc(64, 48, 1, 0)),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        let scene = scene(dir.path());
+        let masks = dir.path().join("masks");
+        let colour = image.color();
+        save(&masks, "p0.png", image);
+        let set = MaskSet::find(&masks, &scene, None).unwrap();
+        let mask = set.load(0, 64, 48).unwrap().unwrap();
+        let found = [mask.get_pixel(32, 24).0[0], mask.get_pixel(2, 2).0[0]];
+        assert_eq!(found, expected, "{colour:?} {:?}", set.notes);
+    }
+}
+
+#[test]
+fn sizes_must_fit() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = scene(dir.path());
+    let masks = dir.path().join("masks");
+    save(&masks, "p0.png", disc(128, 96, 255, 0));
+    let set = MaskSet::find(&masks, &scene, None).unwrap();
+    assert!(
+        set.notes
+            .iter()
+            .any(|n| n.contains("1 masks have another size")),
+        "{:?}",
+        set.notes
+    );
+    assert_eq!(set.load(0, 64, 48).unwrap().unwrap().dimensions(), (64, 48));
+    let error = set.load(0, 64, 64).unwrap_err().to_string();
+    assert!(error.contains("is 128x96 but 64x64 is needed"), "{error}");
+
+    save(&masks, "p1.png", disc(64, 64, 255, 0));
+    let error = MaskSet::find(&masks, &scene, None).unwrap_err().to_string();
+    assert!(
+        error.contains("p1.png: the mask is 64x64 but its photo"),
+        "{error}"
+    );
+    assert!(
+        error.contains("images/p1.png is 64x48, another shape; make the mask"),
+        "{error}"
+    );
+}
+
+#[test]
+fn masks_without_an_object_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = scene(dir.path());
+    let masks = dir.path().join("masks");
+    let find = |polarity| {
+        MaskSet::find(&masks, &scene, polarity)
+            .unwrap_err()
+            .to_string()
+    };
+    assert!(find(None).contains("cannot list"));
+    std::fs::create_dir(&masks).unwrap();
+    assert!(find(None).contains("holds no PNG or JPEG masks; give the folder"));
+    for (value, says) in [(0, "all black"), (255, "all white")] {
+        save(&masks, "p0.png", disc(64, 48, value, value));
+        save(&masks, "p1.png", disc(64, 48, value, value));
+        assert!(find(None).contains(&format!("the 2 masks found are {says}, so none shows")));
+        assert!(find(Some(Polarity::BlackIsObject)).contains(says));
+    }
+    std::fs::write(masks.join("p2.png"), b"no picture").unwrap();
+    let error = find(None);
+    assert!(
+        error.contains("p2.png: the mask cannot be decoded"),
+        "{error}"
+    );
+}

@@ -1,0 +1,475 @@
+//! Marching: which stretches of each ray the two fields have to be asked about.
+//!
+//! A batch of `r` rays gives `n` intervals, packed ray by ray and sorted by distance. `t` is an
+//! interval's midpoint, where the fields are evaluated, and `dt` its length, both as distances
+//! along the unit direction in the space of the rays (object box [-1, 1]^3).
+//!
+//! - Within the box: steps of a fixed length whose raster has a random offset per ray. An interval
+//!   is kept when the object's grid or the background's says "occupied" at its midpoint; each has
+//!   a flag of its own.
+//! - Before the box and behind it: intervals for the background alone. With `d` the distance from
+//!   the box, steps are even in `d / (d + 1)`, the contraction's sense (see
+//!   [`contraction`](crate::contraction)). A ray that misses the box has them on both sides of its
+//!   closest approach, in units of the distance there.
+//!
+//! With everything occupied, the intervals cover [near, far] without a gap.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    contraction::contract,
+    intersect::{Aabb, ray_box},
+    occupancy::OccupancyGrid,
+    random::unit_float,
+    rays::Ray,
+};
+
+/// Rays that one task marches; also the unit in which intervals are gathered.
+const CHUNK: usize = 64;
+
+/// How the raster of steps is placed on a ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Jitter {
+    /// Begins at the ray's entry: the same rays give the same intervals. For rendering.
+    Fixed,
+    /// Shifted by a fraction of a step that hashes the seed and the ray's index in the batch. For
+    /// training, with another seed at every step.
+    Seeded(u64),
+}
+
+/// How densely and how far rays are marched; lengths in units of half the object box.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MarchConfig {
+    /// Step length inside the object box.
+    pub step_object: f32,
+    /// Intervals between the box and infinity, evenly spaced in `d / (d + 1)`; what lies beyond
+    /// `far` or nearer than `near` is left out.
+    pub background_samples: u32,
+    /// Where rays begin.
+    pub near: f32,
+    /// Where rays end.
+    pub far: f32,
+    /// Where the raster of steps lies.
+    pub jitter: Jitter,
+    /// A ray with more intervals than this is marched again with all steps twice as long, until
+    /// they fit; after [`MAX_DOUBLINGS`] times the rest of the ray is cut off.
+    pub max_intervals_per_ray: usize,
+}
+
+/// How often steps are doubled for a ray that has too many intervals.
+pub const MAX_DOUBLINGS: u32 = 8;
+
+impl Default for MarchConfig {
+    fn default() -> Self {
+        Self {
+            step_object: 3.0f32.sqrt() * 2.0 / 1024.0,
+            background_samples: 64,
+            near: 0.01,
+            far: 1000.0,
+            jitter: Jitter::Fixed,
+            max_intervals_per_ray: 1024,
+        }
+    }
+}
+
+/// What the fields' grids say about occupancy; a field without a grid is never evaluated.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Grids<'a> {
+    /// The object's, over the box [-1, 1]^3 (a half other than 1 is allowed, but the object is
+    /// only marched within the box).
+    pub object: Option<&'a OccupancyGrid>,
+    /// The background's, over contracted space [-2, 2]^3.
+    pub background: Option<&'a OccupancyGrid>,
+}
+
+/// One of the two fields.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Field {
+    /// The object, only inside its box.
+    Object,
+    /// The scene without it, everywhere.
+    Background,
+}
+
+/// Packed intervals of a batch of rays; see the [module](self).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Intervals {
+    /// Ray `i` has the intervals `ray_offsets[i]..ray_offsets[i + 1]`; [rays + 1].
+    pub ray_offsets: Vec<u32>,
+    /// Midpoints, ascending within a ray; [n].
+    pub t: Vec<f32>,
+    /// Lengths; [n].
+    pub dt: Vec<f32>,
+    /// Whether the object is to be evaluated; [n].
+    pub object: Vec<bool>,
+    /// Whether the background is to be evaluated; [n].
+    pub background: Vec<bool>,
+}
+
+impl Intervals {
+    /// Empties the lists and keeps their memory.
+    pub fn clear(&mut self) {
+        self.ray_offsets.clear();
+        self.t.clear();
+        self.dt.clear();
+        self.object.clear();
+        self.background.clear();
+    }
+
+    /// How many intervals there are.
+    pub fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.t.is_empty()
+    }
+
+    /// How many rays there are.
+    pub fn ray_count(&self) -> usize {
+        self.ray_offsets.len().saturating_sub(1)
+    }
+
+    /// The flags of a field; [n].
+    pub fn flags(&self, field: Field) -> &[bool] {
+        match field {
+            Field::Object => &self.object,
+            Field::Background => &self.background,
+        }
+    }
+
+    /// Writes where `field` is to be evaluated into `out`, in the order of the intervals.
+    ///
+    /// # Panics
+    /// When these intervals don't belong to a batch of as many rays.
+    pub fn samples_into(&self, field: Field, rays: &[Ray], out: &mut Samples) {
+        assert_eq!(
+            self.ray_count(),
+            rays.len(),
+            "Intervals::samples_into: intervals of {} rays, but {} rays",
+            self.ray_count(),
+            rays.len()
+        );
+        out.clear();
+        let flags = self.flags(field);
+        for (number, (ray, range)) in rays.iter().zip(self.ray_offsets.windows(2)).enumerate() {
+            for interval in range[0]..range[1] {
+                if flags[interval as usize] {
+                    out.interval.push(interval);
+                    out.ray.push(number as u32);
+                    out.points.push(ray.at(self.t[interval as usize]));
+                }
+            }
+        }
+    }
+
+    /// [`samples_into`](Self::samples_into) with fresh lists.
+    pub fn samples(&self, field: Field, rays: &[Ray]) -> Samples {
+        let mut out = Samples::default();
+        self.samples_into(field, rays, &mut out);
+        out
+    }
+}
+
+/// Where one field is to be evaluated: `m` samples in the order of the intervals.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Samples {
+    /// The interval each belongs to, strictly ascending; [m].
+    pub interval: Vec<u32>,
+    /// The ray each belongs to; [m].
+    pub ray: Vec<u32>,
+    /// The midpoints in the space of the rays, not contracted; [m].
+    pub points: Vec<Vec3>,
+}
+
+impl Samples {
+    /// Empties the lists and keeps their memory.
+    pub fn clear(&mut self) {
+        self.interval.clear();
+        self.ray.clear();
+        self.points.clear();
+    }
+
+    /// How many samples there are.
+    pub fn len(&self) -> usize {
+        self.interval.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.interval.is_empty()
+    }
+}
+
+/// Marches batches of rays and keeps its working memory between them.
+#[derive(Clone, Debug, Default)]
+pub struct Marcher {
+    chunks: Vec<Chunk>,
+}
+
+/// Intervals of up to [`CHUNK`] rays.
+#[derive(Clone, Debug, Default)]
+struct Chunk {
+    counts: Vec<u32>,
+    t: Vec<f32>,
+    dt: Vec<f32>,
+    object: Vec<bool>,
+    background: Vec<bool>,
+}
+
+impl Marcher {
+    /// A marcher without memory yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Marches `rays` into `out`, whose former content is dropped and whose memory is used again.
+    ///
+    /// The result doesn't depend on the number of threads.
+    pub fn march(
+        &mut self,
+        rays: &[Ray],
+        grids: Grids<'_>,
+        config: &MarchConfig,
+        out: &mut Intervals,
+    ) {
+        let count = rays.len().div_ceil(CHUNK);
+        if self.chunks.len() < count {
+            self.chunks.resize_with(count, Chunk::default);
+        }
+        self.chunks[..count]
+            .par_iter_mut()
+            .zip(rays.par_chunks(CHUNK))
+            .enumerate()
+            .for_each(|(number, (chunk, rays))| {
+                chunk.clear();
+                for (i, ray) in rays.iter().enumerate() {
+                    let offset = match config.jitter {
+                        Jitter::Fixed => 1.0,
+                        Jitter::Seeded(seed) => 1.0 - unit_float(seed, (number * CHUNK + i) as u64),
+                    };
+                    chunk.march_ray(ray, grids, config, offset);
+                }
+            });
+        out.clear();
+        out.ray_offsets.push(0);
+        let mut end = 0;
+        for chunk in &self.chunks[..count] {
+            for &n in &chunk.counts {
+                end += n;
+                out.ray_offsets.push(end);
+            }
+            out.t.extend_from_slice(&chunk.t);
+            out.dt.extend_from_slice(&chunk.dt);
+            out.object.extend_from_slice(&chunk.object);
+            out.background.extend_from_slice(&chunk.background);
+        }
+    }
+}
+
+/// [`Marcher::march`] for a single batch, with fresh memory.
+pub fn march(rays: &[Ray], grids: Grids<'_>, config: &MarchConfig) -> Intervals {
+    let mut out = Intervals::default();
+    Marcher::new().march(rays, grids, config, &mut out);
+    out
+}
+
+impl Chunk {
+    fn clear(&mut self) {
+        self.counts.clear();
+        self.truncate(0);
+    }
+
+    fn truncate(&mut self, len: usize) {
+        self.t.truncate(len);
+        self.dt.truncate(len);
+        self.object.truncate(len);
+        self.background.truncate(len);
+    }
+
+    #[inline]
+    fn push(&mut self, from: f32, to: f32, object: bool, background: bool) {
+        self.t.push(0.5 * (from + to));
+        self.dt.push(to - from);
+        self.object.push(object);
+        self.background.push(background);
+    }
+
+    fn march_ray(&mut self, ray: &Ray, grids: Grids<'_>, config: &MarchConfig, offset: f32) {
+        let start = self.t.len();
+        let mut stretch = 1.0;
+        for doubling in 0..=MAX_DOUBLINGS {
+            self.march_once(ray, grids, config, offset, stretch);
+            if self.t.len() - start <= config.max_intervals_per_ray {
+                break;
+            }
+            if doubling == MAX_DOUBLINGS {
+                self.truncate(start + config.max_intervals_per_ray);
+            } else {
+                self.truncate(start);
+                stretch *= 2.0;
+            }
+        }
+        self.counts.push((self.t.len() - start) as u32);
+    }
+
+    /// One ray with all steps `stretch` times as long; `offset` in (0, 1] is where in the first
+    /// step the raster's first line lies.
+    fn march_once(
+        &mut self,
+        ray: &Ray,
+        grids: Grids<'_>,
+        config: &MarchConfig,
+        offset: f32,
+        stretch: f32,
+    ) {
+        let (near, far) = (config.near, config.far);
+        let inside = ray_box(ray, &Aabb::UNIT).and_then(|span| span.clip(near, far));
+        let (before, behind, unit) = match inside {
+            Some(span) => (span.near, span.far, 1.0),
+            None => {
+                let closest = (-ray.origin.dot(ray.direction)).clamp(near, far.max(near));
+                let distance = ray.at(closest).abs().max_element().max(1.0);
+                (closest, closest, distance)
+            }
+        };
+        let outside = Outside {
+            ray,
+            grid: grids.background,
+            unit,
+            step: stretch / config.background_samples.max(1) as f32,
+            offset,
+        };
+        self.approach(&outside, before, before - near);
+        if let Some(span) = inside {
+            let step = stretch * config.step_object;
+            self.cross(ray, grids, (span.near, span.far), step, offset);
+        }
+        self.recede(&outside, behind, far - behind);
+    }
+
+    /// The stretch of length `length` that ends at `end`, where steps are finest.
+    fn approach(&mut self, outside: &Outside<'_>, end: f32, length: f32) {
+        let Some(grid) = outside.grid.filter(|_| length > 0.0) else {
+            return;
+        };
+        let last = outside.position(length);
+        // Raster lines from far to near; the first cut is the farthest line short of `last`.
+        let mut line = ((last - outside.first()) / outside.step).ceil() as i64;
+        let mut from = end - length;
+        while from < end {
+            line -= 1;
+            let to = if line < 0 {
+                end
+            } else {
+                let position = outside.first() + line as f32 * outside.step;
+                (end - outside.distance(position)).clamp(from, end)
+            };
+            if to > from {
+                if grid.occupied(contract(outside.ray.at(0.5 * (from + to)))) {
+                    self.push(from, to, false, true);
+                }
+                from = to;
+            } else if line < 0 {
+                break;
+            }
+        }
+    }
+
+    /// The stretch of length `length` that begins at `begin`, where steps are finest.
+    fn recede(&mut self, outside: &Outside<'_>, begin: f32, length: f32) {
+        let Some(grid) = outside.grid.filter(|_| length > 0.0) else {
+            return;
+        };
+        let last = outside.position(length);
+        let end = begin + length;
+        let mut from = begin;
+        let mut line = 0;
+        while from < end {
+            let position = outside.first() + line as f32 * outside.step;
+            line += 1;
+            let to = if position < last {
+                (begin + outside.distance(position)).clamp(from, end)
+            } else {
+                end
+            };
+            if to > from {
+                if grid.occupied(contract(outside.ray.at(0.5 * (from + to)))) {
+                    self.push(from, to, false, true);
+                }
+                from = to;
+            }
+        }
+    }
+
+    /// The stretch inside the object box.
+    fn cross(
+        &mut self,
+        ray: &Ray,
+        grids: Grids<'_>,
+        (begin, end): (f32, f32),
+        step: f32,
+        offset: f32,
+    ) {
+        let inverse = ray.direction.recip();
+        let first = begin + offset * step;
+        // Interval k lies between lines k - 1 and k; line -1 is where the box begins.
+        let line = |k: i64| if k < 0 { begin } else { (first + k as f32 * step).min(end) };
+        let steps_per_length = 1.0 / step;
+        let mut k = 0;
+        loop {
+            let from = line(k - 1);
+            if from >= end {
+                break;
+            }
+            let to = line(k);
+            if to <= from {
+                k += 1;
+                continue;
+            }
+            let middle = 0.5 * (from + to);
+            // Rounding must not push points of the border out of the grids.
+            let p = ray.at(middle).clamp(Vec3::NEG_ONE, Vec3::ONE);
+            let object = grids.object.map_or(f32::INFINITY, |g| g.empty_length(p, inverse));
+            let background = grids.background.map_or(f32::INFINITY, |g| g.empty_length(p, inverse));
+            let empty = object.min(background);
+            if empty > 0.0 {
+                // To the first interval whose midpoint lies beyond the empty stretch; one less, as
+                // the division may round up.
+                let skipped = (empty * steps_per_length).min(1e9) as i64;
+                k += skipped.max(1);
+            } else {
+                self.push(from, to, object == 0.0, background == 0.0);
+                k += 1;
+            }
+        }
+    }
+}
+
+/// How the background is marched outside the box.
+struct Outside<'a> {
+    ray: &'a Ray,
+    grid: Option<&'a OccupancyGrid>,
+    /// The distance `d` at which `d / (d + unit)` is one half.
+    unit: f32,
+    /// Spacing of the raster in `d / (d + unit)`.
+    step: f32,
+    offset: f32,
+}
+
+impl Outside<'_> {
+    fn first(&self) -> f32 {
+        self.offset * self.step
+    }
+
+    fn position(&self, distance: f32) -> f32 {
+        distance / (distance + self.unit)
+    }
+
+    fn distance(&self, position: f32) -> f32 {
+        self.unit * position / (1.0 - position).max(1e-7)
+    }
+}

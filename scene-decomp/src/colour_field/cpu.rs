@@ -1,0 +1,354 @@
+//! The op over slices, tiles of points in parallel.
+
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+use tensor_slices::Scratch;
+
+use crate::sdf_field::transposed;
+use crate::tile::partials::LayerPartials;
+use crate::tile::transpose::{rows_to_tile, rows_to_tile_padded, tile_to_rows};
+use crate::tile::{POINTS, activation, layer};
+
+/// Jobs that the tiles are dealt to; fixed, so that sums do not depend on the number of threads.
+const JOBS: usize = 16;
+
+/// Rows that are not part of the geometry: points and directions.
+const FRAME: usize = 6;
+
+/// One layer, both ways round.
+#[derive(Clone, Debug)]
+struct Layer {
+    weight: Vec<f32>,
+    transposed: Vec<f32>,
+    bias: Vec<f32>,
+    inputs: usize,
+}
+
+impl Layer {
+    fn new(weight: &[f32], bias: &[f32]) -> Self {
+        let inputs = weight.len() / bias.len();
+        Self {
+            weight: weight.to_vec(),
+            transposed: transposed(weight, bias.len(), inputs),
+            bias: bias.to_vec(),
+            inputs,
+        }
+    }
+
+    fn outputs(&self) -> usize {
+        self.bias.len()
+    }
+
+    #[inline(always)]
+    fn forward<S: Simd>(&self, simd: S, x: &[f32], y: &mut [f32]) {
+        layer::forward(simd, &self.weight, Some(&self.bias), x, y);
+    }
+}
+
+/// The network's three layers.
+#[derive(Clone, Debug)]
+pub(crate) struct Weights([Layer; 3]);
+
+impl Weights {
+    /// From `w1, b1, w2, b2, w3, b3`.
+    pub(crate) fn new([w1, b1, w2, b2, w3, b3]: [&[f32]; 6]) -> Self {
+        Self([Layer::new(w1, b1), Layer::new(w2, b2), Layer::new(w3, b3)])
+    }
+
+    /// Columns of the op's output.
+    pub(crate) fn outputs(&self) -> usize {
+        self.0[2].outputs()
+    }
+
+    /// Rows of one tile in [`Saved`]: both hidden layers.
+    fn saved_rows(&self) -> usize {
+        self.0[0].outputs() + self.0[1].outputs()
+    }
+}
+
+/// The op's inputs, point-major.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Inputs<'a> {
+    /// `[n, 1 + G + 3]`.
+    pub(crate) geometry: &'a [f32],
+    /// `[n, 3]`.
+    pub(crate) points: &'a [f32],
+    /// `[n, 3]`.
+    pub(crate) directions: &'a [f32],
+    /// `[n, E]`.
+    pub(crate) extra: &'a [f32],
+}
+
+impl<'a> Inputs<'a> {
+    fn len(&self) -> usize {
+        self.points.len() / 3
+    }
+
+    /// Columns of geometry and of extra, for a network of `inputs` inputs.
+    fn columns(&self, inputs: usize) -> (usize, usize) {
+        let extra = self.extra.len().checked_div(self.len()).unwrap_or(0);
+        (inputs - FRAME - extra, extra)
+    }
+
+    /// The tile beginning at point `first`, as the network's input rows.
+    #[inline(always)]
+    fn tile(&self, first: usize, inputs: usize, x: &mut [f32]) {
+        let (geometry, extra) = self.columns(inputs);
+        let last = (first + POINTS).min(self.len());
+        let rows = |slice: &'a [f32], width: usize| &slice[first * width..last * width];
+        let (p, rest) = x.split_at_mut(3 * POINTS);
+        let (n, rest) = rest.split_at_mut(3 * POINTS);
+        let (v, rest) = rest.split_at_mut(3 * POINTS);
+        rows_to_tile(rows(self.points, 3), 3, p);
+        rows_to_tile(rows(self.directions, 3), 3, v);
+        let (sdf_feature, rest) = rest.split_at_mut((geometry - 3) * POINTS);
+        let source = rows(self.geometry, geometry);
+        for (p, row) in source.chunks_exact(geometry).enumerate() {
+            for (k, &value) in row[..geometry - 3].iter().enumerate() {
+                sdf_feature[k * POINTS + p] = value;
+            }
+            for (k, &value) in row[geometry - 3..].iter().enumerate() {
+                n[k * POINTS + p] = value;
+            }
+        }
+        // Lanes past the last point hold what an earlier tile left: finite, and never read.
+        if extra > 0 {
+            rows_to_tile(rows(self.extra, extra), extra, rest);
+        }
+    }
+}
+
+/// Whether a forward pass is to be followed by a backward one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Keep {
+    Nothing,
+    ForBackward,
+}
+
+/// What backward needs.
+#[derive(Debug)]
+pub(crate) struct Saved {
+    weights: Weights,
+    geometry_columns: usize,
+    n: usize,
+    /// Per tile `[inputs + hidden + hidden, POINTS]`.
+    tiles: Scratch,
+    /// The op's output, `[n, C]`.
+    out: Scratch,
+}
+
+/// Colours `[n, C]`.
+pub(crate) fn forward(
+    inputs: Inputs<'_>,
+    weights: Weights,
+    keep: Keep,
+) -> (Vec<f32>, Option<Saved>) {
+    let n = inputs.len();
+    let outputs = weights.outputs();
+    let width = weights.0[0].inputs;
+    let tile_len = (width + weights.saved_rows()) * POINTS;
+    let mut out = vec![0.0; n * outputs];
+    let run = |index: usize, tile: &mut [f32], out: &mut [f32]| {
+        Arch::new().dispatch(ForwardTile {
+            inputs,
+            first: index * POINTS,
+            weights: &weights,
+            tile,
+            out,
+        });
+    };
+    if keep == Keep::Nothing {
+        out.par_chunks_mut(outputs * POINTS)
+            .enumerate()
+            .for_each_init(
+                || Scratch::zeros(tile_len),
+                |tile, (index, out)| run(index, tile, out),
+            );
+        return (out, None);
+    }
+    let mut tiles = Scratch::new(n.div_ceil(POINTS) * tile_len);
+    if n % POINTS != 0 {
+        // The lanes past the last point enter sums with a zero weight, and must be finite.
+        let last = tiles.len() - tile_len;
+        tiles[last..].fill(0.0);
+    }
+    out.par_chunks_mut(outputs * POINTS)
+        .zip(tiles.par_chunks_mut(tile_len))
+        .enumerate()
+        .for_each(|(index, (out, tile))| run(index, tile, out));
+    let mut kept = Scratch::new(out.len());
+    kept.copy_from_slice(&out);
+    let geometry_columns = inputs.columns(width).0;
+    let saved = Saved { weights, geometry_columns, n, tiles, out: kept };
+    (out, Some(saved))
+}
+
+/// [`forward`] for callers outside autodiff, such as final renders.
+pub(crate) fn evaluate(inputs: Inputs<'_>, weights: Weights) -> Vec<f32> {
+    forward(inputs, weights, Keep::Nothing).0
+}
+
+struct ForwardTile<'a> {
+    inputs: Inputs<'a>,
+    first: usize,
+    weights: &'a Weights,
+    tile: &'a mut [f32],
+    out: &'a mut [f32],
+}
+
+/// `x` where positive, else zero.
+#[inline(always)]
+fn relu(values: &mut [f32]) {
+    for value in values {
+        *value = if *value > 0.0 { *value } else { 0.0 };
+    }
+}
+
+/// `d` where the activation was positive, else zero.
+#[inline(always)]
+fn relu_backward(activation: &[f32], d: &mut [f32]) {
+    for (d, &a) in d.iter_mut().zip(activation) {
+        *d = if a > 0.0 { *d } else { 0.0 };
+    }
+}
+
+impl WithSimd for ForwardTile<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let [first, second, third] = &self.weights.0;
+        let (x, rest) = self.tile.split_at_mut(first.inputs * POINTS);
+        let (h1, h2) = rest.split_at_mut(first.outputs() * POINTS);
+        self.inputs.tile(self.first, first.inputs, x);
+        first.forward(simd, x, h1);
+        relu(h1);
+        second.forward(simd, h1, h2);
+        relu(h2);
+        let mut out = [0.0; MAX_OUTPUTS * POINTS];
+        let out = &mut out[..third.outputs() * POINTS];
+        third.forward(simd, h2, out);
+        for value in out.iter_mut() {
+            *value = activation::sigmoid(*value);
+        }
+        tile_to_rows(out, third.outputs(), self.out);
+    }
+}
+
+/// Colour and alpha head.
+const MAX_OUTPUTS: usize = 4;
+
+/// Gradients of the op's tracked inputs.
+pub(crate) struct Gradients {
+    pub(crate) geometry: Vec<f32>,
+    pub(crate) geometry_columns: usize,
+    pub(crate) w1: Vec<f32>,
+    pub(crate) b1: Vec<f32>,
+    pub(crate) w2: Vec<f32>,
+    pub(crate) b2: Vec<f32>,
+    pub(crate) w3: Vec<f32>,
+    pub(crate) b3: Vec<f32>,
+}
+
+/// Gradients for `grad [n, C]`.
+pub(crate) fn backward(saved: &Saved, grad: &[f32]) -> Gradients {
+    let [first, second, third] = &saved.weights.0;
+    let outputs = third.outputs();
+    let columns = saved.geometry_columns;
+    let tile_len = (first.inputs + saved.weights.saved_rows()) * POINTS;
+    let mut geometry = vec![0.0; saved.n * columns];
+    let tiles_per_job = saved.n.div_ceil(POINTS).div_ceil(JOBS).max(1);
+    let points_per_job = tiles_per_job * POINTS;
+    let jobs: Vec<([LayerPartials; 3], usize)> = grad
+        .par_chunks(outputs * points_per_job)
+        .zip(saved.out.par_chunks(outputs * points_per_job))
+        .zip(saved.tiles.par_chunks(tile_len * tiles_per_job))
+        .zip(geometry.par_chunks_mut(columns * points_per_job))
+        .map(|(((grad, out), tiles), geometry)| {
+            let mut partials =
+                [first, second, third].map(|l| LayerPartials::new(l.outputs(), l.inputs));
+            let lanes = Arch::new().dispatch(BackwardJob {
+                weights: &saved.weights,
+                grad,
+                out,
+                tiles,
+                geometry,
+                columns,
+                partials: &mut partials,
+            });
+            (partials, lanes)
+        })
+        .collect();
+    let mut sums = [first, second, third].map(|l| (vec![0.0; l.weight.len()], vec![0.0; l.outputs()]));
+    for (partials, lanes) in &jobs {
+        for (partial, (weight, bias)) in partials.iter().zip(&mut sums) {
+            partial.reduce_into(*lanes, weight, bias);
+        }
+    }
+    let [(w1, b1), (w2, b2), (w3, b3)] = sums;
+    Gradients { geometry, geometry_columns: columns, w1, b1, w2, b2, w3, b3 }
+}
+
+struct BackwardJob<'a> {
+    weights: &'a Weights,
+    grad: &'a [f32],
+    out: &'a [f32],
+    tiles: &'a [f32],
+    geometry: &'a mut [f32],
+    columns: usize,
+    partials: &'a mut [LayerPartials; 3],
+}
+
+impl WithSimd for BackwardJob<'_> {
+    type Output = usize;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> usize {
+        let [first, second, third] = &self.weights.0;
+        let [p1, p2, p3] = self.partials;
+        let outputs = third.outputs();
+        let tile_len = (first.inputs + self.weights.saved_rows()) * POINTS;
+        let mut d_out = vec![0.0; outputs * POINTS];
+        let mut out = vec![0.0; outputs * POINTS];
+        let mut d_h2 = vec![0.0; second.outputs() * POINTS];
+        let mut d_h1 = vec![0.0; first.outputs() * POINTS];
+        let mut d_x = vec![0.0; first.inputs * POINTS];
+        let tiles = self
+            .grad
+            .chunks(outputs * POINTS)
+            .zip(self.out.chunks(outputs * POINTS))
+            .zip(self.tiles.chunks_exact(tile_len))
+            .zip(self.geometry.chunks_mut(self.columns * POINTS));
+        for (((grad, colours), tile), geometry) in tiles {
+            let (x, rest) = tile.split_at(first.inputs * POINTS);
+            let (h1, h2) = rest.split_at(first.outputs() * POINTS);
+            rows_to_tile_padded(grad, outputs, &mut d_out);
+            rows_to_tile_padded(colours, outputs, &mut out);
+            for (d, &o) in d_out.iter_mut().zip(&out) {
+                *d *= o * (1.0 - o);
+            }
+            layer::outer(simd, &d_out, h2, &mut p3.weight);
+            p3.add_bias(&d_out);
+            layer::forward(simd, &third.transposed, None, &d_out, &mut d_h2);
+            relu_backward(h2, &mut d_h2);
+            layer::outer(simd, &d_h2, h1, &mut p2.weight);
+            p2.add_bias(&d_h2);
+            layer::forward(simd, &second.transposed, None, &d_h2, &mut d_h1);
+            relu_backward(h1, &mut d_h1);
+            layer::outer(simd, &d_h1, x, &mut p1.weight);
+            p1.add_bias(&d_h1);
+            layer::forward(simd, &first.transposed, None, &d_h1, &mut d_x);
+            // Input rows: p, n, v, sdf, feature, extra; geometry columns: sdf, feature, n.
+            let own = self.columns - 3;
+            for (p, row) in geometry.chunks_exact_mut(self.columns).enumerate() {
+                for (k, value) in row[..own].iter_mut().enumerate() {
+                    *value = d_x[(9 + k) * POINTS + p];
+                }
+                for (k, value) in row[own..].iter_mut().enumerate() {
+                    *value = d_x[(3 + k) * POINTS + p];
+                }
+            }
+        }
+        S::F32_LANES
+    }
+}

@@ -1,0 +1,104 @@
+//! The scene: FoCoR and BaCo, and how sharply each is drawn.
+
+use burn::Tensor;
+use burn::module::{Module, Param};
+use burn::tensor::Device;
+use hashgrid::GridConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::surface::{InitialShape, Surface, SurfaceConfig};
+
+/// Half the side of BaCo's cube: contracted space.
+pub const BACKGROUND_HALF_SIDE: f32 = 2.0;
+
+/// The sizes of both fields.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneConfig {
+    /// FoCoR's grid, over the object's box.
+    pub object_grid: GridConfig,
+    /// BaCo's grid, over contracted space.
+    pub background_grid: GridConfig,
+    /// Width of hidden layers.
+    pub hidden: usize,
+    /// Width of FoCoR's geometry feature.
+    pub object_features: usize,
+    /// Width of BaCo's geometry feature.
+    pub background_features: usize,
+    /// `s` in `b = exp(10 s)`, the sharpness of the logistic density, before training.
+    pub sharpness_start: f32,
+}
+
+impl SceneConfig {
+    /// FoCoR: a ball of radius 0.5 in the box `[-1, 1]^3`, with an alpha head.
+    #[must_use]
+    pub fn object(&self) -> SurfaceConfig {
+        SurfaceConfig {
+            grid: self.object_grid.clone(),
+            hidden: self.hidden,
+            features: self.object_features,
+            extra: 0,
+            outputs: 4,
+            half_side: 1.0,
+            beta: 100.0,
+            initial: InitialShape::Ball(0.5),
+        }
+    }
+
+    /// BaCo: a hollow in contracted space, wide enough that cameras start in free space.
+    #[must_use]
+    pub fn background(&self) -> SurfaceConfig {
+        SurfaceConfig {
+            grid: self.background_grid.clone(),
+            hidden: self.hidden,
+            features: self.background_features,
+            extra: 1,
+            outputs: 3,
+            half_side: BACKGROUND_HALF_SIDE,
+            beta: 100.0,
+            initial: InitialShape::Hollow(1.8),
+        }
+    }
+}
+
+/// Both fields.
+#[derive(Module, Debug)]
+pub struct Scene {
+    /// FoCoR, the object.
+    pub object: Surface,
+    /// BaCo, the scene without it.
+    pub background: Surface,
+}
+
+impl Scene {
+    /// Seeded and geometrically initialised.
+    #[must_use]
+    pub fn new(config: &SceneConfig, seed: u64, device: &Device) -> Self {
+        Self {
+            object: Surface::new(&config.object(), seed, device),
+            background: Surface::new(&config.background(), seed ^ 0x9e37_79b9, device),
+        }
+    }
+}
+
+/// The logistic density's sharpness of both fields, trained at a rate of its own.
+#[derive(Module, Debug)]
+pub struct Sharpness {
+    /// `s` of FoCoR and BaCo, `[2]`.
+    pub s: Param<Tensor<1>>,
+}
+
+impl Sharpness {
+    /// Both at `start`.
+    #[must_use]
+    pub fn new(start: f32, device: &Device) -> Self {
+        Self {
+            s: Param::from_tensor(Tensor::from_floats([start, start], device)),
+        }
+    }
+
+    /// `b = exp(10 s)`, `[2]` (NeuS's parametrisation: one rate serves b from 20 to thousands).
+    #[must_use]
+    pub fn b(&self) -> Tensor<1> {
+        self.s.val().mul_scalar(10.0).exp()
+    }
+}

@@ -1,0 +1,538 @@
+//! The op over slices: tiles of points in parallel, then one scatter task per grid level.
+
+use hashgrid::{GridLayout, cpu as grid};
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+use tensor_slices::Scratch;
+
+use super::SdfFieldConfig;
+use super::backward::DenseTable;
+use crate::tile::partials::LayerPartials;
+use crate::tile::transpose::{rows_to_tile, rows_to_tile_padded, tile_to_rows};
+use crate::tile::{POINTS, activation, layer};
+
+/// Jobs that the tiles are dealt to; fixed, so that sums do not depend on the number of threads.
+const JOBS: usize = 16;
+
+/// The MLP, restricted to the active levels' columns, with what both passes derive from it.
+#[derive(Clone, Debug)]
+pub(crate) struct Weights {
+    all_inputs: usize,
+    inputs: usize,
+    hidden: usize,
+    outputs: usize,
+    w1: Vec<f32>,
+    w1_transposed: Vec<f32>,
+    b1: Vec<f32>,
+    w2: Vec<f32>,
+    w2_transposed: Vec<f32>,
+    b2: Vec<f32>,
+}
+
+impl Weights {
+    /// Copies `w1 [hidden, 3 + 2 L]`, `b1`, `w2 [1 + G, hidden]`, `b2`.
+    pub(crate) fn new(
+        config: &SdfFieldConfig,
+        w1: &[f32],
+        b1: &[f32],
+        w2: &[f32],
+        b2: &[f32],
+    ) -> Self {
+        let all_inputs = 3 + 2 * config.layout.levels.len();
+        let inputs = 3 + 2 * config.active_levels;
+        let (hidden, outputs) = (b1.len(), b2.len());
+        let w1: Vec<f32> = w1
+            .chunks_exact(all_inputs)
+            .flat_map(|row| row[..inputs].iter().copied())
+            .collect();
+        Self {
+            all_inputs,
+            inputs,
+            hidden,
+            outputs,
+            w1_transposed: transposed(&w1, hidden, inputs),
+            w1,
+            b1: b1.to_vec(),
+            w2_transposed: transposed(w2, outputs, hidden),
+            w2: w2.to_vec(),
+            b2: b2.to_vec(),
+        }
+    }
+
+    /// Columns of the op's output: sdf, features, normal.
+    pub(crate) fn columns(&self) -> usize {
+        self.outputs + 3
+    }
+}
+
+/// `[columns, rows]` from `[rows, columns]`.
+pub(crate) fn transposed(matrix: &[f32], rows: usize, columns: usize) -> Vec<f32> {
+    (0..columns)
+        .flat_map(|c| (0..rows).map(move |r| matrix[r * columns + c]))
+        .collect()
+}
+
+/// Whether a forward pass is to be followed by a backward one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Keep {
+    Nothing,
+    ForBackward,
+}
+
+/// What backward needs: per tile the positions in the grid, the MLP's input and the Jacobian.
+#[derive(Debug)]
+pub(crate) struct Saved {
+    config: SdfFieldConfig,
+    weights: Weights,
+    table_len: usize,
+    points: usize,
+    /// Per tile `[3 + inputs + 6 * active, POINTS]`: unit positions, input, Jacobian of h.
+    tiles: Scratch,
+}
+
+/// Rows of one tile in [`Saved`].
+fn saved_rows(weights: &Weights) -> usize {
+    3 + weights.inputs + 3 * (weights.inputs - 3)
+}
+
+/// Sdf, feature and normal of `points [n, 3]`: `[n, 1 + G + 3]`.
+pub(crate) fn forward(
+    points: &[f32],
+    table: &[f32],
+    weights: Weights,
+    config: &SdfFieldConfig,
+    keep: Keep,
+) -> (Vec<f32>, Option<Saved>) {
+    let n = points.len() / 3;
+    let table_len = table.len();
+    let layout = &config.active_layout();
+    let table = &table[..2 * layout.entries()];
+    let mut out = vec![0.0; n * weights.columns()];
+    let tile_len = saved_rows(&weights) * POINTS;
+    match keep {
+        Keep::Nothing => {
+            let columns = weights.columns();
+            points
+                .par_chunks(3 * POINTS)
+                .zip(out.par_chunks_mut(columns * POINTS))
+                .for_each_init(
+                    || (Scratch::new(tile_len), Working::new(&weights)),
+                    |(tile, working), (points, out)| {
+                        Arch::new().dispatch(ForwardTile {
+                            points,
+                            table,
+                            weights: &weights,
+                            config,
+                            layout,
+                            tile,
+                            working,
+                            out,
+                        });
+                    },
+                );
+            (out, None)
+        }
+        Keep::ForBackward => {
+            let mut tiles = Scratch::new(n.div_ceil(POINTS) * tile_len);
+            let columns = weights.columns();
+            points
+                .par_chunks(3 * POINTS)
+                .zip(out.par_chunks_mut(columns * POINTS))
+                .zip(tiles.par_chunks_mut(tile_len))
+                .for_each_init(
+                    || Working::new(&weights),
+                    |working, ((points, out), tile)| {
+                        Arch::new().dispatch(ForwardTile {
+                            points,
+                            table,
+                            weights: &weights,
+                            config,
+                            layout,
+                            tile,
+                            working,
+                            out,
+                        });
+                    },
+                );
+            let saved = Saved {
+                config: config.clone(),
+                weights,
+                table_len,
+                points: n,
+                tiles,
+            };
+            (out, Some(saved))
+        }
+    }
+}
+
+/// [`forward`] for callers outside autodiff, such as final renders: no tensors in between.
+pub(crate) fn evaluate(
+    points: &[f32],
+    table: &[f32],
+    weights: Weights,
+    config: &SdfFieldConfig,
+) -> Vec<f32> {
+    forward(points, table, weights, config, Keep::Nothing).0
+}
+
+/// One tile's intermediate rows.
+struct Working {
+    z: Vec<f32>,
+    a: Vec<f32>,
+    slope: Vec<f32>,
+    u: Vec<f32>,
+    g: Vec<f32>,
+    out: Vec<f32>,
+}
+
+impl Working {
+    fn new(weights: &Weights) -> Self {
+        let hidden = || vec![0.0; weights.hidden * POINTS];
+        Self {
+            z: hidden(),
+            a: hidden(),
+            slope: hidden(),
+            u: hidden(),
+            g: vec![0.0; weights.inputs * POINTS],
+            out: vec![0.0; (weights.outputs + 3) * POINTS],
+        }
+    }
+
+    /// From the tile's input to `a`, `slope`, `u = w2 * slope` and `g = W1^T u`.
+    #[inline(always)]
+    fn hidden<S: Simd>(&mut self, simd: S, weights: &Weights, beta: f32, input: &[f32]) {
+        layer::forward(simd, &weights.w1, Some(&weights.b1), input, &mut self.z);
+        activation::softplus(beta, &self.z, &mut self.a, &mut self.slope);
+        for ((u, slope), &w) in self
+            .u
+            .chunks_exact_mut(POINTS)
+            .zip(self.slope.chunks_exact(POINTS))
+            .zip(&weights.w2)
+        {
+            for (u, slope) in u.iter_mut().zip(slope) {
+                *u = w * slope;
+            }
+        }
+        layer::forward(simd, &weights.w1_transposed, None, &self.u, &mut self.g);
+    }
+}
+
+struct ForwardTile<'a> {
+    points: &'a [f32],
+    table: &'a [f32],
+    weights: &'a Weights,
+    config: &'a SdfFieldConfig,
+    layout: &'a GridLayout,
+    tile: &'a mut [f32],
+    working: &'a mut Working,
+    out: &'a mut [f32],
+}
+
+impl WithSimd for ForwardTile<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { weights, config, working, .. } = self;
+        let (unit, rest) = self.tile.split_at_mut(3 * POINTS);
+        let (input, jacobian) = rest.split_at_mut(weights.inputs * POINTS);
+        rows_to_tile(self.points, 3, &mut input[..3 * POINTS]);
+        let scale = 0.5 / config.half_side;
+        for (unit, p) in unit.iter_mut().zip(&input[..3 * POINTS]) {
+            *unit = p * scale + 0.5;
+        }
+        encode(self.layout, self.table, unit, &mut input[3 * POINTS..], jacobian);
+        working.hidden(simd, weights, config.beta, input);
+
+        let (values, normal) = working.out.split_at_mut(weights.outputs * POINTS);
+        layer::forward(simd, &weights.w2, Some(&weights.b2), &working.a, values);
+        for (axis, n) in normal.chunks_exact_mut(POINTS).enumerate() {
+            n.fill(0.0);
+            for (k, g) in working.g[3 * POINTS..].chunks_exact(POINTS).enumerate() {
+                let j = &jacobian[(3 * k + axis) * POINTS..(3 * k + axis + 1) * POINTS];
+                for ((n, g), j) in n.iter_mut().zip(g).zip(j) {
+                    *n += g * j;
+                }
+            }
+            let direct = &working.g[axis * POINTS..(axis + 1) * POINTS];
+            for (n, g) in n.iter_mut().zip(direct) {
+                *n = g + scale * *n;
+            }
+        }
+        tile_to_rows(&working.out, weights.columns(), self.out);
+    }
+}
+
+/// Encodes the tile's unit positions `[3, POINTS]`; `layout` and `table` end with the active levels.
+#[inline(always)]
+fn encode(
+    layout: &GridLayout,
+    table: &[f32],
+    unit: &[f32],
+    values: &mut [f32],
+    jacobian: &mut [f32],
+) {
+    let (x, yz) = unit.split_at(POINTS);
+    let (y, z) = yz.split_at(POINTS);
+    grid::encode_tile(layout, layout.levels.len(), table, x, y, z, values, Some(jacobian));
+}
+
+/// Gradients of the op's weights, row-major as the weights are.
+pub(crate) struct Gradients {
+    pub(crate) table: Option<Vec<f32>>,
+    pub(crate) w1: Vec<f32>,
+    pub(crate) b1: Vec<f32>,
+    pub(crate) w2: Vec<f32>,
+    pub(crate) b2: Vec<f32>,
+}
+
+/// Rows of one tile handed from the MLP's backward to the scatter:
+/// unit positions, dL/dn in unit coordinates, dL/dh and g.
+fn scatter_rows(weights: &Weights) -> usize {
+    6 + 2 * (weights.inputs - 3)
+}
+
+/// Gradients for `grad [n, 1 + G + 3]`.
+pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> Gradients {
+    let weights = &saved.weights;
+    let columns = weights.columns();
+    let tiles = saved.points.div_ceil(POINTS);
+    let saved_len = saved_rows(weights) * POINTS;
+    let scatter_len = scatter_rows(weights) * POINTS;
+    let mut scatter = Scratch::new(tiles * scatter_len);
+
+    let tiles_per_job = tiles.div_ceil(JOBS).max(1);
+    let jobs: Vec<(Partials, usize)> = grad
+        .par_chunks(columns * POINTS * tiles_per_job)
+        .zip(saved.tiles.par_chunks(saved_len * tiles_per_job))
+        .zip(scatter.par_chunks_mut(scatter_len * tiles_per_job))
+        .map(|((grad, saved_tiles), scatter)| {
+            let mut partials = Partials::new(weights);
+            let mut working = BackwardWorking::new(weights);
+            let lanes = Arch::new().dispatch(BackwardJob {
+                saved,
+                grad,
+                saved_tiles,
+                scatter,
+                partials: &mut partials,
+                working: &mut working,
+            });
+            (partials, lanes)
+        })
+        .collect();
+
+    let mut w1 = vec![0.0; weights.hidden * weights.inputs];
+    let mut gradients = Gradients {
+        table: None,
+        w1: Vec::new(),
+        b1: vec![0.0; weights.hidden],
+        w2: vec![0.0; weights.outputs * weights.hidden],
+        b2: vec![0.0; weights.outputs],
+    };
+    for (partials, lanes) in &jobs {
+        partials.first.reduce_into(*lanes, &mut w1, &mut gradients.b1);
+        partials.second.reduce_into(*lanes, &mut gradients.w2, &mut gradients.b2);
+        for (sum, partial) in gradients.w2.iter_mut().zip(&partials.sdf_row) {
+            *sum += partial;
+        }
+    }
+    gradients.w1 = vec![0.0; weights.hidden * weights.all_inputs];
+    for (row, active) in gradients
+        .w1
+        .chunks_exact_mut(weights.all_inputs)
+        .zip(w1.chunks_exact(weights.inputs))
+    {
+        row[..weights.inputs].copy_from_slice(active);
+    }
+    gradients.table = scatter_table(saved, &scatter, dense_table);
+    gradients
+}
+
+/// One level's share of the table gradient: every tile's points in order, so without atomics.
+fn scatter_one(saved: &Saved, scatter: &[f32], level: usize, grad: &mut [f32]) {
+    let layout: &GridLayout = &saved.config.layout;
+    let features = saved.weights.inputs - 3;
+    for (t, tile) in scatter
+        .chunks_exact(scatter_rows(&saved.weights) * POINTS)
+        .enumerate()
+    {
+        let count = POINTS.min(saved.points - t * POINTS);
+        let row = |r: usize| &tile[r * POINTS..r * POINTS + count];
+        grid::scatter_level(
+            layout,
+            level,
+            row(0),
+            row(1),
+            row(2),
+            [row(6 + 2 * level), row(7 + 2 * level)],
+            Some((
+                [row(6 + features + 2 * level), row(7 + features + 2 * level)],
+                [row(3), row(4), row(5)],
+            )),
+            grad,
+        );
+    }
+}
+
+fn scatter_table(saved: &Saved, scatter: &[f32], dense: DenseTable) -> Option<Vec<f32>> {
+    let active = saved.config.active_levels;
+    if let Some(sparse) = &saved.config.sparse {
+        sparse.accumulate_levels(&saved.config.layout, active, |level, grad| {
+            scatter_one(saved, scatter, level, grad);
+        });
+        return None;
+    }
+    if dense == DenseTable::Unwanted {
+        return None;
+    }
+    let mut table = vec![0.0; saved.table_len];
+    let mut rest = table.as_mut_slice();
+    let mut slices = Vec::with_capacity(active);
+    for level in &saved.config.layout.levels[..active] {
+        let (grad, tail) = rest.split_at_mut(2 * level.entries);
+        slices.push(grad);
+        rest = tail;
+    }
+    slices
+        .into_par_iter()
+        .enumerate()
+        .for_each(|(level, grad)| scatter_one(saved, scatter, level, grad));
+    Some(table)
+}
+
+struct Partials {
+    first: LayerPartials,
+    second: LayerPartials,
+    /// Gradient of `W2`'s first row through the normal, `[hidden]`.
+    sdf_row: Vec<f32>,
+}
+
+impl Partials {
+    fn new(weights: &Weights) -> Self {
+        Self {
+            first: LayerPartials::new(weights.hidden, weights.inputs),
+            second: LayerPartials::new(weights.outputs, weights.hidden),
+            sdf_row: vec![0.0; weights.hidden],
+        }
+    }
+}
+
+struct BackwardWorking {
+    forward: Working,
+    grad: Vec<f32>,
+    dg: Vec<f32>,
+    du: Vec<f32>,
+    dz: Vec<f32>,
+}
+
+impl BackwardWorking {
+    fn new(weights: &Weights) -> Self {
+        Self {
+            forward: Working::new(weights),
+            grad: vec![0.0; weights.columns() * POINTS],
+            dg: vec![0.0; weights.inputs * POINTS],
+            du: vec![0.0; weights.hidden * POINTS],
+            dz: vec![0.0; weights.hidden * POINTS],
+        }
+    }
+}
+
+struct BackwardJob<'a> {
+    saved: &'a Saved,
+    grad: &'a [f32],
+    saved_tiles: &'a [f32],
+    scatter: &'a mut [f32],
+    partials: &'a mut Partials,
+    working: &'a mut BackwardWorking,
+}
+
+impl WithSimd for BackwardJob<'_> {
+    type Output = usize;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> usize {
+        let weights = &self.saved.weights;
+        let tiles = self
+            .grad
+            .chunks(weights.columns() * POINTS)
+            .zip(self.saved_tiles.chunks_exact(saved_rows(weights) * POINTS))
+            .zip(self.scatter.chunks_exact_mut(scatter_rows(weights) * POINTS));
+        for ((grad, tile), scatter) in tiles {
+            backward_tile(simd, self.saved, grad, tile, scatter, self.partials, self.working);
+        }
+        S::F32_LANES
+    }
+}
+
+/// The chain rule of one tile. With `d` for the loss' derivative:
+///
+/// ```text
+/// dg = J dn        du = W1 dg        dW1 += u dg^T      dw2 += du * slope
+/// da = W2^T dout   dz = da * slope + du * w2 * slope'   dW1 += dz x^T     dx = W1^T dz
+/// ```
+///
+/// and the table receives `dh` through the value and `g dn^T` through the Jacobian.
+#[inline(always)]
+fn backward_tile<S: Simd>(
+    simd: S,
+    saved: &Saved,
+    grad: &[f32],
+    tile: &[f32],
+    scatter: &mut [f32],
+    partials: &mut Partials,
+    working: &mut BackwardWorking,
+) {
+    let weights = &saved.weights;
+    let features = weights.inputs - 3;
+    let beta = saved.config.beta;
+    let scale = 0.5 / saved.config.half_side;
+    let (unit, rest) = tile.split_at(3 * POINTS);
+    let (input, jacobian) = rest.split_at(weights.inputs * POINTS);
+    let BackwardWorking { forward, grad: grad_tile, dg, du, dz } = working;
+    rows_to_tile_padded(grad, weights.columns(), grad_tile);
+    forward.hidden(simd, weights, beta, input);
+    let (d_out, d_normal) = grad_tile.split_at(weights.outputs * POINTS);
+
+    scatter[..3 * POINTS].copy_from_slice(unit);
+    let (head, tail) = scatter.split_at_mut(6 * POINTS);
+    let dn_unit = &mut head[3 * POINTS..];
+    for (unit, dn) in dn_unit.iter_mut().zip(d_normal) {
+        *unit = scale * dn;
+    }
+    let (d_h, g_h) = tail.split_at_mut(features * POINTS);
+    g_h.copy_from_slice(&forward.g[3 * POINTS..]);
+
+    dg[..3 * POINTS].copy_from_slice(d_normal);
+    for (k, dg) in dg[3 * POINTS..].chunks_exact_mut(POINTS).enumerate() {
+        let j = &jacobian[3 * k * POINTS..3 * (k + 1) * POINTS];
+        for p in 0..POINTS {
+            dg[p] = j[p] * dn_unit[p]
+                + j[POINTS + p] * dn_unit[POINTS + p]
+                + j[2 * POINTS + p] * dn_unit[2 * POINTS + p];
+        }
+    }
+    layer::forward(simd, &weights.w1, None, dg, du);
+    layer::outer(simd, &forward.u, dg, &mut partials.first.weight);
+
+    layer::forward(simd, &weights.w2_transposed, None, d_out, dz);
+    for j in 0..weights.hidden {
+        let w = weights.w2[j];
+        let rows = j * POINTS..(j + 1) * POINTS;
+        let (slope, du, dz) = (&forward.slope[rows.clone()], &du[rows.clone()], &mut dz[rows]);
+        let mut sum = [0.0f32; 16];
+        for block in (0..POINTS).step_by(16) {
+            for (lane, sum) in sum.iter_mut().enumerate() {
+                let p = block + lane;
+                *sum += du[p] * slope[p];
+                dz[p] = dz[p] * slope[p] + du[p] * w * beta * slope[p] * (1.0 - slope[p]);
+            }
+        }
+        partials.sdf_row[j] += sum.iter().sum::<f32>();
+    }
+    layer::outer(simd, d_out, &forward.a, &mut partials.second.weight);
+    partials.second.add_bias(d_out);
+    layer::outer(simd, dz, input, &mut partials.first.weight);
+    partials.first.add_bias(dz);
+    layer::forward(simd, &weights.w1_transposed[3 * weights.hidden..], None, dz, d_h);
+}

@@ -1,0 +1,174 @@
+//! The fused `sdf field` op: encoding, MLP and normal in one pass, with its backward by hand.
+//!
+//! For points `p` the op computes (method: FoCoR and BaCo, section "Two fields")
+//!
+//! ```text
+//! x   = [p, h(p)]                      h: multi-resolution hash encoding      [3 + 2 L]
+//! z   = W1 x + b1,  a = softplus_beta(z)                                      [hidden]
+//! out = W2 a + b2 = (sdf, feature)                                            [1 + G]
+//! n   = d sdf / d p = J^T W1^T (w2 * softplus'(z)),  J = dx / dp               [3]
+//! ```
+//!
+//! where `w2` is the first row of `W2`. Since `n` is an output like any other, losses on the normal
+//! (Eikonal) and colours that depend on it need first-order autodiff only: the derivative of `n`
+//! with respect to the table and the weights is part of this op's backward.
+
+mod adapters;
+mod autodiff;
+mod cpu;
+pub mod reference;
+
+use std::sync::Arc;
+
+use burn::Tensor;
+use burn::backend::{Backend, Dispatch, backend_extension, tensor::FloatTensor};
+use hashgrid::{GridLayout, SparseGrad};
+
+pub(crate) use cpu::{evaluate, transposed, Weights};
+
+/// What the op needs besides its tensors.
+#[derive(Clone, Debug)]
+pub struct SdfFieldConfig {
+    /// The hash grid's levels.
+    pub layout: Arc<GridLayout>,
+    /// Levels in use; the features of later ones read as zero.
+    pub active_levels: usize,
+    /// The field covers the cube `[-half_side, half_side]^3` of the points' frame.
+    pub half_side: f32,
+    /// The softplus' sharpness.
+    pub beta: f32,
+    /// Where the table's gradient goes; `None` registers a dense one with autodiff.
+    pub sparse: Option<SparseGrad>,
+}
+
+impl SdfFieldConfig {
+    /// The layout without the levels that are not in use.
+    pub(crate) fn active_layout(&self) -> GridLayout {
+        GridLayout {
+            levels: self.layout.levels[..self.active_levels].to_vec(),
+            interpolation: self.layout.interpolation,
+        }
+    }
+}
+
+/// The op's tensors.
+#[derive(Clone, Debug)]
+pub struct SdfFieldWeights {
+    /// The hash table, `[entries, 2]`.
+    pub table: Tensor<2>,
+    /// Hidden layer, `[hidden, 3 + 2 L]`.
+    pub w1: Tensor<2>,
+    /// Hidden bias, `[hidden]`.
+    pub b1: Tensor<1>,
+    /// Output layer, `[1 + G, hidden]`: the sdf's row first.
+    pub w2: Tensor<2>,
+    /// Output bias, `[1 + G]`.
+    pub b2: Tensor<1>,
+}
+
+/// `sdf field`, as backends supply it.
+#[backend_extension(NdArray, Flex, Autodiff)]
+pub trait SdfFieldOps: Backend {
+    /// See [`sdf_field`].
+    fn sdf_field(
+        points: FloatTensor<Self>,
+        table: FloatTensor<Self>,
+        w1: FloatTensor<Self>,
+        b1: FloatTensor<Self>,
+        w2: FloatTensor<Self>,
+        b2: FloatTensor<Self>,
+        config: SdfFieldConfig,
+    ) -> FloatTensor<Self>;
+}
+
+/// Signed distance, geometry feature and normal of `points: [n, 3]`: `[n, 1 + G + 3]`.
+///
+/// Columns: sdf (in the points' unit), `G` features, then the normal, which is the gradient of the
+/// sdf and of unit length only where the field is a distance. Gradients flow to all weights; the
+/// points are constants.
+///
+/// # Panics
+/// When a shape does not fit the layout.
+#[must_use]
+pub fn sdf_field(points: Tensor<2>, weights: SdfFieldWeights, config: SdfFieldConfig) -> Tensor<2> {
+    check(&points, &weights, &config);
+    Tensor::from_dispatch(Dispatch::sdf_field(
+        points.into_dispatch(),
+        weights.table.into_dispatch(),
+        weights.w1.into_dispatch(),
+        weights.b1.into_dispatch(),
+        weights.w2.into_dispatch(),
+        weights.b2.into_dispatch(),
+        config,
+    ))
+}
+
+fn check(points: &Tensor<2>, weights: &SdfFieldWeights, config: &SdfFieldConfig) {
+    let columns = 3 + 2 * config.layout.levels.len();
+    let [_, three] = points.dims();
+    assert_eq!(three, 3, "sdf_field: points are {:?}, not [n, 3]", points.dims());
+    let [hidden, inputs] = weights.w1.dims();
+    assert_eq!(
+        inputs, columns,
+        "sdf_field: w1 is [{hidden}, {inputs}], but the layout asks for [hidden, {columns}]"
+    );
+    let [outputs, inner] = weights.w2.dims();
+    assert_eq!(
+        inner, hidden,
+        "sdf_field: w2 is [{outputs}, {inner}], but w1 has {hidden} rows"
+    );
+    assert_eq!(weights.b1.dims(), [hidden], "sdf_field: b1 does not fit w1");
+    assert_eq!(weights.b2.dims(), [outputs], "sdf_field: b2 does not fit w2");
+    assert!(
+        config.active_levels <= config.layout.levels.len(),
+        "sdf_field: {} active levels of {}",
+        config.active_levels,
+        config.layout.levels.len()
+    );
+}
+
+/// What one backend keeps from forward to backward, and how it goes back.
+pub(crate) mod backward {
+    use super::{Backend, FloatTensor, SdfFieldConfig};
+
+    /// Gradients of the op's five weights; `table` is `None` when it went to the sparse sink.
+    #[derive(Debug)]
+    pub struct SdfFieldGradients<B: Backend> {
+        pub table: Option<FloatTensor<B>>,
+        pub w1: FloatTensor<B>,
+        pub b1: FloatTensor<B>,
+        pub w2: FloatTensor<B>,
+        pub b2: FloatTensor<B>,
+    }
+
+    /// The kernels behind autodiff.
+    pub trait SdfFieldBackward: Backend {
+        /// What the forward pass keeps.
+        type Saved: Clone + Send + std::fmt::Debug + 'static;
+
+        /// The op, keeping what its backward needs.
+        fn sdf_field_saving(
+            points: FloatTensor<Self>,
+            table: FloatTensor<Self>,
+            w1: FloatTensor<Self>,
+            b1: FloatTensor<Self>,
+            w2: FloatTensor<Self>,
+            b2: FloatTensor<Self>,
+            config: SdfFieldConfig,
+        ) -> (FloatTensor<Self>, Self::Saved);
+
+        /// Gradients for `grad: [n, 1 + G + 3]`.
+        fn sdf_field_backward(
+            saved: Self::Saved,
+            grad: FloatTensor<Self>,
+            dense_table: DenseTable,
+        ) -> SdfFieldGradients<Self>;
+    }
+
+    /// Whether anyone wants the table's dense gradient.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum DenseTable {
+        Wanted,
+        Unwanted,
+    }
+}

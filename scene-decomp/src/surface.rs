@@ -1,0 +1,194 @@
+//! One neural surface: hash grid, SDF network and colour network (method: M_S and M_C).
+
+use std::sync::Arc;
+
+use burn::Tensor;
+use burn::module::Module;
+use burn::tensor::Device;
+use hashgrid::{GridConfig, GridLayout, HashGrid, SparseGrad};
+use serde::{Deserialize, Serialize};
+
+use crate::colour_field::{ColourFieldInputs, ColourFieldWeights, colour_field};
+use crate::dense::{Dense, Random};
+use crate::sdf_field::{SdfFieldConfig, SdfFieldWeights, sdf_field};
+
+/// The sign of the sphere that a field starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum InitialShape {
+    /// A ball of this radius: positive outside.
+    Ball(f32),
+    /// A hollow of this radius: positive inside, as a room is.
+    Hollow(f32),
+}
+
+/// The sizes of a surface.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceConfig {
+    /// The hash grid.
+    pub grid: GridConfig,
+    /// Width of hidden layers.
+    pub hidden: usize,
+    /// Width G of the geometry feature.
+    pub features: usize,
+    /// Further inputs of the colour network.
+    pub extra: usize,
+    /// Outputs of the colour network: 3, or 4 with an alpha head.
+    pub outputs: usize,
+    /// The field covers `[-half_side, half_side]^3`.
+    pub half_side: f32,
+    /// The softplus' sharpness.
+    pub beta: f32,
+    /// What the field is before training.
+    pub initial: InitialShape,
+}
+
+/// Networks and grid of one field.
+#[derive(Module, Debug)]
+pub struct Surface {
+    /// The hash grid.
+    pub grid: HashGrid,
+    /// M_S: hidden and output layer.
+    pub sdf: [Dense; 2],
+    /// M_C: two hidden layers and the output layer.
+    pub colour: [Dense; 3],
+    half_side: f32,
+    beta: f32,
+}
+
+/// What a surface says about points.
+#[derive(Clone, Debug)]
+pub struct SurfaceSamples {
+    /// `[n, 1 + G + 3]`: sdf, feature, normal.
+    pub geometry: Tensor<2>,
+    /// `[n, C]`: colour, and alpha where there is a head for it; in `[0, 1]`.
+    pub colour: Tensor<2>,
+}
+
+impl SurfaceSamples {
+    /// Signed distances, `[n, 1]`.
+    #[must_use]
+    pub fn sdf(&self) -> Tensor<2> {
+        let [n, _] = self.geometry.dims();
+        self.geometry.clone().slice([0..n, 0..1])
+    }
+
+    /// Normals, `[n, 3]`, not normalised.
+    #[must_use]
+    pub fn normal(&self) -> Tensor<2> {
+        let [n, columns] = self.geometry.dims();
+        self.geometry.clone().slice([0..n, columns - 3..columns])
+    }
+}
+
+impl Surface {
+    /// Seeded, geometrically initialised: the sdf starts as that of `config.initial`.
+    ///
+    /// SAL's initialisation (Atzmon and Lipman 2020) for one hidden layer of width `m`: columns of
+    /// the position `N(0, 2 / m)`, columns of the encoding 0, output weights with mean
+    /// `sqrt(pi / m)`, so that the sum over the hidden layer is about `|p|`; bias `-r`.
+    #[must_use]
+    pub fn new(config: &SurfaceConfig, seed: u64, device: &Device) -> Self {
+        let mut random = Random::new(seed);
+        let layout = GridLayout::new(&config.grid);
+        let hidden = config.hidden;
+        let inputs = 3 + layout.features();
+        let position = random.normals(3 * hidden, 0.0, (2.0 / hidden as f32).sqrt());
+        let mut w1 = vec![0.0; hidden * inputs];
+        for (row, position) in w1.chunks_exact_mut(inputs).zip(position.chunks_exact(3)) {
+            row[..3].copy_from_slice(position);
+        }
+        let (sign, radius) = match config.initial {
+            InitialShape::Ball(radius) => (1.0, radius),
+            InitialShape::Hollow(radius) => (-1.0, radius),
+        };
+        let mean = (std::f32::consts::PI / hidden as f32).sqrt();
+        let mut w2 = random.normals(hidden, sign * mean, 1e-4);
+        w2.extend(random.normals(hidden * config.features, 0.0, (2.0 / hidden as f32).sqrt()));
+        let mut b2 = vec![0.0; 1 + config.features];
+        b2[0] = -sign * radius;
+        let colour_inputs = 9 + 1 + config.features + config.extra;
+        Self {
+            grid: HashGrid::new(&config.grid, seed, device),
+            sdf: [
+                Dense::from_values(w1, vec![0.0; hidden], device),
+                Dense::from_values(w2, b2, device),
+            ],
+            colour: [
+                Dense::he(colour_inputs, hidden, &mut random, device),
+                Dense::he(hidden, hidden, &mut random, device),
+                Dense::he(hidden, config.outputs, &mut random, device),
+            ],
+            half_side: config.half_side,
+            beta: config.beta,
+        }
+    }
+
+    /// The op's settings for this surface.
+    #[must_use]
+    pub fn sdf_config(
+        &self,
+        layout: &Arc<GridLayout>,
+        active_levels: usize,
+        sparse: Option<SparseGrad>,
+    ) -> SdfFieldConfig {
+        SdfFieldConfig {
+            layout: layout.clone(),
+            active_levels,
+            half_side: self.half_side,
+            beta: self.beta,
+            sparse,
+        }
+    }
+
+    /// The SDF network's tensors.
+    #[must_use]
+    pub fn sdf_weights(&self) -> SdfFieldWeights {
+        let [first, second] = &self.sdf;
+        SdfFieldWeights {
+            table: self.grid.table.val(),
+            w1: first.weight.val(),
+            b1: first.bias.val(),
+            w2: second.weight.val(),
+            b2: second.bias.val(),
+        }
+    }
+
+    /// The colour network's tensors.
+    #[must_use]
+    pub fn colour_weights(&self) -> ColourFieldWeights {
+        let [first, second, third] = &self.colour;
+        ColourFieldWeights {
+            w1: first.weight.val(),
+            b1: first.bias.val(),
+            w2: second.weight.val(),
+            b2: second.bias.val(),
+            w3: third.weight.val(),
+            b3: third.bias.val(),
+        }
+    }
+
+    /// Geometry `[n, 1 + G + 3]` of `points: [n, 3]`.
+    #[must_use]
+    pub fn geometry(&self, points: Tensor<2>, config: SdfFieldConfig) -> Tensor<2> {
+        sdf_field(points, self.sdf_weights(), config)
+    }
+
+    /// Geometry and colour of `points: [n, 3]` seen along unit `directions: [n, 3]`.
+    ///
+    /// `extra` is `[n, E]`; `E` is zero for FoCoR and one, m^P, for BaCo.
+    #[must_use]
+    pub fn sample(
+        &self,
+        points: Tensor<2>,
+        directions: Tensor<2>,
+        extra: Tensor<2>,
+        config: SdfFieldConfig,
+    ) -> SurfaceSamples {
+        let geometry = self.geometry(points.clone(), config);
+        let colour = colour_field(
+            ColourFieldInputs { geometry: geometry.clone(), points, directions, extra },
+            self.colour_weights(),
+        );
+        SurfaceSamples { geometry, colour }
+    }
+}

@@ -1,0 +1,280 @@
+//! `y = W x + b` over a tile, and the product that gives `dL/dW`.
+
+use pulp::Simd;
+
+use super::POINTS;
+
+/// Outputs whose accumulators are held in registers at once.
+const OUT_BLOCK: usize = 6;
+
+/// Loads a full vector.
+///
+/// # Safety
+/// `ptr` must be valid for `S::F32_LANES` reads; alignment is not needed.
+#[inline(always)]
+pub(crate) unsafe fn load<S: Simd>(ptr: *const f32) -> S::f32s {
+    // SAFETY: the caller promises the reads are valid; `S::f32s` is plain old data.
+    unsafe { ptr.cast::<S::f32s>().read_unaligned() }
+}
+
+/// Stores a full vector.
+///
+/// # Safety
+/// `ptr` must be valid for `S::F32_LANES` writes; alignment is not needed.
+#[inline(always)]
+pub(crate) unsafe fn store<S: Simd>(ptr: *mut f32, value: S::f32s) {
+    // SAFETY: the caller promises the writes are valid; `S::f32s` is plain old data.
+    unsafe { ptr.cast::<S::f32s>().write_unaligned(value) }
+}
+
+/// `y[j] = bias[j] + sum_i weight[j, i] x[i]` for every point of the tile.
+///
+/// `weight: [n_out, n_in]`, `bias: [n_out]` or none, `x: [n_in, POINTS]`, `y: [n_out, POINTS]`.
+#[inline(always)]
+pub(crate) fn forward<S: Simd>(
+    simd: S,
+    weight: &[f32],
+    bias: Option<&[f32]>,
+    x: &[f32],
+    y: &mut [f32],
+) {
+    let n_in = x.len() / POINTS;
+    let n_out = y.len() / POINTS;
+    assert!(weight.len() == n_in * n_out && bias.is_none_or(|b| b.len() == n_out));
+    let mut first = 0;
+    while first + OUT_BLOCK <= n_out {
+        forward_rows::<S, OUT_BLOCK>(simd, weight, bias, x, y, first, n_in);
+        first += OUT_BLOCK;
+    }
+    while first + 4 <= n_out {
+        forward_rows::<S, 4>(simd, weight, bias, x, y, first, n_in);
+        first += 4;
+    }
+    while first < n_out {
+        forward_rows::<S, 1>(simd, weight, bias, x, y, first, n_in);
+        first += 1;
+    }
+}
+
+#[inline(always)]
+fn forward_rows<S: Simd, const ROWS: usize>(
+    simd: S,
+    weight: &[f32],
+    bias: Option<&[f32]>,
+    x: &[f32],
+    y: &mut [f32],
+    first: usize,
+    n_in: usize,
+) {
+    // 16 lanes come with 32 registers, so that 6 x 4 accumulators fit; 8 lanes with 16.
+    if S::F32_LANES == 16 {
+        forward_block::<S, ROWS, 4>(simd, weight, bias, x, y, first, n_in);
+    } else {
+        forward_block::<S, ROWS, 2>(simd, weight, bias, x, y, first, n_in);
+    }
+}
+
+#[inline(always)]
+fn forward_block<S: Simd, const ROWS: usize, const COLUMNS: usize>(
+    simd: S,
+    weight: &[f32],
+    bias: Option<&[f32]>,
+    x: &[f32],
+    y: &mut [f32],
+    first: usize,
+    n_in: usize,
+) {
+    let lanes = S::F32_LANES;
+    let width = COLUMNS * lanes;
+    debug_assert_eq!(POINTS % width, 0);
+    for start in (0..POINTS).step_by(width) {
+        let mut acc = [[simd.splat_f32s(0.0); COLUMNS]; ROWS];
+        if let Some(bias) = bias {
+            for (r, row) in acc.iter_mut().enumerate() {
+                *row = [simd.splat_f32s(bias[first + r]); COLUMNS];
+            }
+        }
+        for i in 0..n_in {
+            let mut column = [simd.splat_f32s(0.0); COLUMNS];
+            for (c, value) in column.iter_mut().enumerate() {
+                // SAFETY: i < n_in and start + width <= POINTS, and x holds n_in * POINTS values.
+                *value = unsafe { load::<S>(x.as_ptr().add(i * POINTS + start + c * lanes)) };
+            }
+            for (r, row) in acc.iter_mut().enumerate() {
+                // SAFETY: first + r < n_out and i < n_in, and weight holds n_out * n_in values.
+                let w = simd.splat_f32s(unsafe { *weight.get_unchecked((first + r) * n_in + i) });
+                for (value, &column) in row.iter_mut().zip(&column) {
+                    *value = simd.mul_add_e_f32s(w, column, *value);
+                }
+            }
+        }
+        for (r, row) in acc.iter().enumerate() {
+            for (c, &value) in row.iter().enumerate() {
+                // SAFETY: first + r < n_out, and y holds n_out * POINTS values.
+                unsafe {
+                    store::<S>(
+                        y.as_mut_ptr().add((first + r) * POINTS + start + c * lanes),
+                        value,
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// `acc[j, i] += sum over the tile of a[j] b[i]`, kept as one partial sum per vector lane.
+///
+/// `a: [n_a, POINTS]`, `b: [n_b, POINTS]`, `acc: [n_a, n_b, S::F32_LANES]`: the lanes are summed
+/// once, by [`super::partials`], when a thread has done all its tiles.
+#[inline(always)]
+pub(crate) fn outer<S: Simd>(simd: S, a: &[f32], b: &[f32], acc: &mut [f32]) {
+    let n_a = a.len() / POINTS;
+    let n_b = b.len() / POINTS;
+    assert!(acc.len() >= n_a * n_b * S::F32_LANES);
+    let mut row = 0;
+    while row + 4 <= n_a {
+        outer_rows::<S, 4>(simd, a, b, acc, row, n_b);
+        row += 4;
+    }
+    while row < n_a {
+        outer_rows::<S, 1>(simd, a, b, acc, row, n_b);
+        row += 1;
+    }
+}
+
+#[inline(always)]
+fn outer_rows<S: Simd, const ROWS: usize>(
+    simd: S,
+    a: &[f32],
+    b: &[f32],
+    acc: &mut [f32],
+    row: usize,
+    n_b: usize,
+) {
+    let wide = if S::F32_LANES == 16 { 6 } else { 2 };
+    let mut column = 0;
+    while column + wide <= n_b {
+        if S::F32_LANES == 16 {
+            outer_block::<S, ROWS, 6>(simd, a, b, acc, row, column, n_b);
+        } else {
+            outer_block::<S, ROWS, 2>(simd, a, b, acc, row, column, n_b);
+        }
+        column += wide;
+    }
+    while column < n_b {
+        outer_block::<S, ROWS, 1>(simd, a, b, acc, row, column, n_b);
+        column += 1;
+    }
+}
+
+#[inline(always)]
+fn outer_block<S: Simd, const ROWS: usize, const COLUMNS: usize>(
+    simd: S,
+    a: &[f32],
+    b: &[f32],
+    acc: &mut [f32],
+    row: usize,
+    column: usize,
+    n_b: usize,
+) {
+    let lanes = S::F32_LANES;
+    let at = |r: usize, c: usize| ((row + r) * n_b + column + c) * lanes;
+    let mut sums = [[simd.splat_f32s(0.0); COLUMNS]; ROWS];
+    for (r, sums) in sums.iter_mut().enumerate() {
+        for (c, sum) in sums.iter_mut().enumerate() {
+            // SAFETY: acc holds n_a * n_b * lanes values (asserted by the caller).
+            *sum = unsafe { load::<S>(acc.as_ptr().add(at(r, c))) };
+        }
+    }
+    for start in (0..POINTS).step_by(lanes) {
+        let mut right = [simd.splat_f32s(0.0); COLUMNS];
+        for (c, value) in right.iter_mut().enumerate() {
+            // SAFETY: column + c < n_b and start + lanes <= POINTS.
+            *value = unsafe { load::<S>(b.as_ptr().add((column + c) * POINTS + start)) };
+        }
+        for (r, sums) in sums.iter_mut().enumerate() {
+            // SAFETY: row + r < n_a and start + lanes <= POINTS.
+            let left = unsafe { load::<S>(a.as_ptr().add((row + r) * POINTS + start)) };
+            for (sum, &right) in sums.iter_mut().zip(&right) {
+                *sum = simd.mul_add_e_f32s(left, right, *sum);
+            }
+        }
+    }
+    for (r, sums) in sums.iter().enumerate() {
+        for (c, &sum) in sums.iter().enumerate() {
+            // SAFETY: as for the loads above.
+            unsafe { store::<S>(acc.as_mut_ptr().add(at(r, c)), sum) };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use pulp::{Arch, WithSimd};
+
+    fn numbers(count: usize, seed: u32) -> Vec<f32> {
+        let mut state = seed;
+        (0..count)
+            .map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 8) as f32 / (1 << 23) as f32 - 1.0
+            })
+            .collect()
+    }
+
+    struct Both<'a> {
+        w: &'a [f32],
+        bias: &'a [f32],
+        x: &'a [f32],
+        y: &'a mut [f32],
+        acc: &'a mut [f32],
+    }
+
+    impl WithSimd for Both<'_> {
+        type Output = usize;
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> usize {
+            forward(simd, self.w, Some(self.bias), self.x, self.y);
+            outer(simd, self.y, self.x, self.acc);
+            S::F32_LANES
+        }
+    }
+
+    /// Every remainder of the register blocks, against the sums written out in f64.
+    #[test]
+    fn products_equal_the_plain_loops() {
+        for (n_in, n_out) in [(35, 64), (64, 13), (1, 1), (7, 5), (22, 11)] {
+            let (w, bias) = (numbers(n_in * n_out, 1), numbers(n_out, 2));
+            let x = numbers(n_in * POINTS, 3);
+            let mut y = vec![0.0; n_out * POINTS];
+            let mut acc = vec![0.0; n_in * n_out * 16];
+            let lanes = Arch::new().dispatch(Both {
+                w: &w,
+                bias: &bias,
+                x: &x,
+                y: &mut y,
+                acc: &mut acc,
+            });
+            for j in 0..n_out {
+                for p in 0..POINTS {
+                    let expected: f64 = f64::from(bias[j])
+                        + (0..n_in)
+                            .map(|i| f64::from(w[j * n_in + i]) * f64::from(x[i * POINTS + p]))
+                            .sum::<f64>();
+                    assert!((f64::from(y[j * POINTS + p]) - expected).abs() < 1e-5);
+                }
+                for i in 0..n_in {
+                    let expected: f64 = (0..POINTS)
+                        .map(|p| f64::from(y[j * POINTS + p]) * f64::from(x[i * POINTS + p]))
+                        .sum();
+                    let at = (j * n_in + i) * lanes;
+                    let sum: f32 = acc[at..at + lanes].iter().sum();
+                    assert!((f64::from(sum) - expected).abs() < 1e-3, "{sum} {expected}");
+                }
+            }
+        }
+    }
+}

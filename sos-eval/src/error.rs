@@ -1,0 +1,78 @@
+//! What can be wrong with the input, each in one sentence that names the file and the remedy.
+
+use std::path::PathBuf;
+
+/// Why an evaluation could not be done.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EvalError {
+    /// A folder does not exist or may not be listed.
+    #[error("the folder {} cannot be read ({reason}): check the path", .path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What the system said.
+        reason: String,
+    },
+    /// A folder without a single picture.
+    #[error("the folder {} holds no .png, .jpg or .jpeg picture: point to the folder with one picture per view", .path.display())]
+    EmptyFolder {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A picture that cannot be decoded.
+    #[error("the picture {} cannot be read ({reason}): export it again as an 8- or 16-bit PNG or JPEG", .path.display())]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// What the decoder said.
+        reason: String,
+    },
+    /// Two pictures of one view that differ in size.
+    #[error(
+        "{} is {}x{} but {} is {}x{}: export both at the same resolution",
+        .path.display(), .size.0, .size.1, .truth.display(), .truth_size.0, .truth_size.1
+    )]
+    SizeMismatch {
+        /// The picture under test.
+        path: PathBuf,
+        /// Its width and height in pixels.
+        size: (usize, usize),
+        /// The ground truth it was compared with.
+        truth: PathBuf,
+        /// Its width and height in pixels.
+        truth_size: (usize, usize),
+    },
+    /// Two files that could both belong to one view.
+    #[error("{} and {} could both belong to view {view:?}: rename or remove one of them", .first.display(), .second.display())]
+    Ambiguous {
+        /// Name of the view.
+        view: String,
+        /// One candidate.
+        first: PathBuf,
+        /// The other candidate.
+        second: PathBuf,
+    },
+    /// Two folders without one view in common.
+    #[error("no picture in {} has the name or number of one in {}: name the files like the ground truth", .folder.display(), .truth.display())]
+    NoMatch {
+        /// The folder under test.
+        folder: PathBuf,
+        /// The folder of ground truth.
+        truth: PathBuf,
+    },
+    /// A mesh file that cannot be read.
+    #[error("the mesh {} cannot be read ({reason}): export it again as a PLY triangle mesh", .path.display())]
+    Mesh {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A mesh without surface, so that no distance to it exists.
+    #[error("the {which} mesh has no triangle with an area: compare meshes that have a surface")]
+    EmptyMesh {
+        /// `"predicted"` or `"true"`.
+        which: &'static str,
+    },
+}

@@ -1,0 +1,100 @@
+//! Folders of alpha mattes against a folder of true ones.
+
+use crate::EvalError;
+use crate::matching::{Pictures, list_pictures, match_views};
+use crate::picture::{Plane, Sized2d, read_alpha};
+use crate::report::{AlphaScore, Report, ViewScore, score_alpha};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Scores every matte of `pred_dir`, and if given every mask of `start_dir`, against `gt_dir`.
+///
+/// The pictures of `gt_dir` define the views. Files belong together by name without extension,
+/// else by name up to the zero padding of a trailing number, else by trailing number. A view without
+/// a prediction (or start mask) is scored as an empty matte and listed in the report.
+pub fn compare_folders(
+    pred_dir: &Path,
+    gt_dir: &Path,
+    start_dir: Option<&Path>,
+) -> Result<Report, EvalError> {
+    let truth = list_pictures(gt_dir)?;
+    let pred = match_views(gt_dir, &truth, pred_dir)?;
+    let start = start_dir
+        .map(|dir| match_views(gt_dir, &truth, dir))
+        .transpose()?;
+    let scores = truth
+        .par_iter()
+        .map(|(name, path)| {
+            let alpha = read_alpha(path)?;
+            let view = score_file(pred.get(name), path, &alpha)?;
+            let start = start
+                .as_ref()
+                .map(|start| score_file(start.get(name), path, &alpha))
+                .transpose()?;
+            Ok((
+                ViewScore {
+                    name: name.clone(),
+                    score: view,
+                },
+                start,
+            ))
+        })
+        .collect::<Result<Vec<_>, EvalError>>()?;
+    let (views, starts): (Vec<ViewScore>, Vec<Option<AlphaScore>>) = scores.into_iter().unzip();
+    let empty = || EvalError::EmptyFolder {
+        path: gt_dir.to_owned(),
+    };
+    Ok(Report {
+        mean: AlphaScore::mean(views.iter().map(|view| &view.score)).ok_or_else(empty)?,
+        views,
+        start: AlphaScore::mean(starts.iter().flatten()),
+        plate: None,
+        mesh: None,
+        missing: unmatched(&truth, &pred),
+        start_missing: start
+            .map(|start| unmatched(&truth, &start))
+            .unwrap_or_default(),
+        notes: Vec::new(),
+    })
+}
+
+fn score_file(
+    pred: Option<&PathBuf>,
+    truth_path: &Path,
+    truth: &Plane,
+) -> Result<AlphaScore, EvalError> {
+    let Some(path) = pred else {
+        return Ok(score_alpha(&Plane::empty(truth.width, truth.height), truth));
+    };
+    let pred = read_alpha(path)?;
+    check_size(path, &pred, truth_path, truth)?;
+    Ok(score_alpha(&pred, truth))
+}
+
+/// Views of the truth that the other folder lacks.
+pub(crate) fn unmatched(truth: &Pictures, matched: &BTreeMap<String, PathBuf>) -> Vec<String> {
+    truth
+        .keys()
+        .filter(|name| !matched.contains_key(*name))
+        .cloned()
+        .collect()
+}
+
+/// Two pictures read from files must have one size.
+pub(crate) fn check_size(
+    path: &Path,
+    picture: &impl Sized2d,
+    truth_path: &Path,
+    truth: &impl Sized2d,
+) -> Result<(), EvalError> {
+    if picture.size() == truth.size() {
+        return Ok(());
+    }
+    Err(EvalError::SizeMismatch {
+        path: path.to_owned(),
+        size: picture.size(),
+        truth: truth_path.to_owned(),
+        truth_size: truth.size(),
+    })
+}

@@ -1,0 +1,65 @@
+//! One run's folder against a scene's ground truth: mattes, and plates and mesh where both have them.
+
+use crate::EvalError;
+use crate::folders::compare_folders;
+use crate::mesh::{MESH_SAMPLES, compare_meshes};
+use crate::plates::{MIN_SEEN, compare_plates};
+use crate::ply::read_ply;
+use crate::report::Report;
+use std::path::Path;
+
+/// Seed of the points drawn on the meshes.
+const MESH_SEED: u64 = 1;
+
+/// Scores `run_dir` against `gt_dir`.
+///
+/// `run_dir` holds `alpha/`, and perhaps `background/`, `background_seen/` and `mesh.ply`. `gt_dir` is a
+/// scene with a folder `alpha_gt`, or that folder itself, or any folder of true mattes. Beside the
+/// mattes may lie `background_shadow_gt/` (the object removed but its shadow kept, as in the pictures
+/// the run has seen; preferred) or `background_gt/`, and `mesh_gt.ply`, in the run's coordinates.
+/// Mattes are required, whatever else both sides have is scored too.
+pub fn run_eval(run_dir: &Path, gt_dir: &Path, start: Option<&Path>) -> Result<Report, EvalError> {
+    let inner = gt_dir.join("alpha_gt");
+    let alpha_gt = if inner.is_dir() {
+        inner
+    } else {
+        gt_dir.to_owned()
+    };
+    let mut report = compare_folders(&run_dir.join("alpha"), &alpha_gt, start)?;
+
+    // `..` and not `parent()`: the latter of "." or a link is not the folder above.
+    let scene = alpha_gt.join("..");
+    let beside = |name: &str| Some(scene.join(name)).filter(|path| path.exists());
+    let plates = run_dir.join("background");
+    let seen = Some(run_dir.join("background_seen")).filter(|path| path.is_dir());
+    if let Some(truth) = beside("background_shadow_gt").or_else(|| beside("background_gt"))
+        && plates.is_dir()
+    {
+        report.plate = Some(compare_plates(
+            &plates,
+            &truth,
+            &alpha_gt,
+            seen.as_deref(),
+            MIN_SEEN,
+        )?);
+    }
+
+    let mesh = run_dir.join("mesh.ply");
+    if let Some(truth) = beside("mesh_gt.ply")
+        && mesh.is_file()
+    {
+        // An object of which nothing is left, as after a few steps, is no reason to lose the rest.
+        match compare_meshes(
+            &read_ply(&mesh)?,
+            &read_ply(&truth)?,
+            MESH_SAMPLES,
+            MESH_SEED,
+        ) {
+            Ok(score) => report.mesh = Some(score),
+            Err(reason) => report
+                .notes
+                .push(format!("{}: not scored: {reason}", mesh.display())),
+        }
+    }
+    Ok(report)
+}

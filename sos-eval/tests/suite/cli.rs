@@ -1,0 +1,50 @@
+use crate::disc;
+use crate::folders::save;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn sos_eval(args: &[&Path]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_sos-eval"))
+        .args(args)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn prints_a_table_and_writes_json() {
+    let root = tempfile::tempdir().unwrap();
+    let (truth, json) = (root.path().join("truth"), root.path().join("scores.json"));
+    save(&disc(40, 20.0, 20.0, 10.0), &truth.join("000.png"));
+    let out = sos_eval(&[
+        &truth,
+        &truth,
+        Path::new("--start"),
+        &truth,
+        Path::new("--json"),
+        &json,
+    ]);
+    assert!(out.status.success(), "{out:?}");
+    assert!(String::from_utf8(out.stdout).unwrap().contains("mean of 1"));
+    let report: sos_eval::Report =
+        serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
+    assert_eq!((report.mean.iou, report.start.unwrap().iou), (1.0, 1.0));
+}
+
+#[test]
+fn bad_input_exits_with_2_and_one_sentence() {
+    let root = tempfile::tempdir().unwrap();
+    let truth = root.path().join("truth");
+    save(&disc(40, 20.0, 20.0, 10.0), &truth.join("000.png"));
+    let nowhere = root.path().join("nowhere");
+    let unwritable = nowhere.join("scores.json");
+    for args in [
+        vec![&*nowhere, &*truth],
+        vec![&*truth, root.path()],
+        vec![&*truth, &*truth, Path::new("--json"), &*unwritable],
+    ] {
+        let out = sos_eval(&args);
+        let text = String::from_utf8(out.stderr).unwrap();
+        assert_eq!(out.status.code(), Some(2), "{text}");
+        assert_eq!(text.lines().count(), 1, "{text}");
+    }
+}

@@ -1,0 +1,241 @@
+use crate::{assert_near, disc};
+use image::{DynamicImage, GrayImage, ImageBuffer, Luma, Rgba, RgbaImage};
+use sos_eval::*;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+pub(crate) fn save(plane: &Plane, path: &Path) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let bytes = plane
+        .values
+        .iter()
+        .map(|v| (v * 255.0).round() as u8)
+        .collect();
+    GrayImage::from_raw(plane.width as u32, plane.height as u32, bytes)
+        .unwrap()
+        .save(path)
+        .unwrap();
+}
+
+fn scene() -> (tempfile::TempDir, PathBuf, PathBuf, PathBuf) {
+    let root = tempfile::tempdir().unwrap();
+    let [pred, truth, start] = ["pred", "truth", "start"].map(|name| root.path().join(name));
+    for i in 0..3 {
+        save(
+            &disc(40, 20.0, 20.0, 10.0),
+            &truth.join(format!("{i:03}.png")),
+        );
+    }
+    (root, pred, truth, start)
+}
+
+#[test]
+fn missing_views_count_as_empty_and_are_listed() {
+    let (_root, pred, truth, start) = scene();
+    save(&disc(40, 20.0, 20.0, 10.0), &pred.join("000.png"));
+    save(&disc(40, 21.0, 20.0, 10.0), &pred.join("002.png"));
+    save(&disc(40, 20.0, 20.0, 10.0), &start.join("001.png"));
+    let report = compare_folders(&pred, &truth, Some(&start)).unwrap();
+    assert_eq!(
+        report
+            .views
+            .iter()
+            .map(|v| v.name.as_str())
+            .collect::<Vec<_>>(),
+        ["000", "001", "002"]
+    );
+    assert_eq!(report.missing, ["001"]);
+    assert_eq!(report.start_missing, ["000", "002"]);
+    assert_eq!(
+        (report.views[0].score.iou, report.views[1].score.iou),
+        (1.0, 0.0)
+    );
+    assert_near(
+        report.mean.iou,
+        (1.0 + report.views[2].score.iou) / 3.0,
+        1e-12,
+    );
+    assert_near(report.start.unwrap().iou, 1.0 / 3.0, 1e-12);
+}
+
+#[test]
+fn json_has_the_promised_keys_in_order() {
+    let (_root, _, truth, _) = scene();
+    let report = compare_folders(&truth, &truth, Some(&truth)).unwrap();
+    let json = serde_json::to_string(&report).unwrap();
+    let scores = r#""iou":1.0,"miou":1.0,"acc":1.0,"boundary_iou":1.0,"sad":0.0,"mse":0.0,"grad":0.0,"conn":0.0"#;
+    let views: Vec<String> = (0..3)
+        .map(|i| format!(r#"{{"name":"00{i}",{scores}}}"#))
+        .collect();
+    assert_eq!(
+        json,
+        format!(
+            r#"{{"views":[{}],"mean":{{{scores}}},"start":{{{scores}}}}}"#,
+            views.join(",")
+        )
+    );
+    assert_eq!(serde_json::from_str::<Report>(&json).unwrap(), report);
+}
+
+#[test]
+fn names_may_differ_in_padding_and_prefix() {
+    let matte = disc(40, 20.0, 20.0, 10.0);
+    for names in [
+        ["0", "1", "2"],
+        ["alpha_00000", "alpha_00001", "alpha_00002"],
+        ["000", "m1", "mask-2"],
+    ] {
+        let (_root, pred, truth, _) = scene();
+        names
+            .iter()
+            .for_each(|name| save(&matte, &pred.join(format!("{name}.png"))));
+        let report = compare_folders(&pred, &truth, None).unwrap();
+        assert_eq!(
+            (report.mean.iou, report.missing.len()),
+            (1.0, 0),
+            "{names:?}"
+        );
+    }
+}
+
+#[test]
+fn a_prefix_tells_two_cameras_apart() {
+    let root = tempfile::tempdir().unwrap();
+    let (pred, truth) = (root.path().join("pred"), root.path().join("truth"));
+    for (camera, radius) in [("left", 5.0), ("right", 12.0)] {
+        save(
+            &disc(40, 20.0, 20.0, radius),
+            &truth.join(format!("{camera}_01.png")),
+        );
+        save(
+            &disc(40, 20.0, 20.0, radius),
+            &pred.join(format!("{camera}_1.png")),
+        );
+    }
+    assert_eq!(compare_folders(&pred, &truth, None).unwrap().mean.iou, 1.0);
+    fs::rename(pred.join("left_1.png"), pred.join("1.png")).unwrap();
+    fs::remove_file(pred.join("right_1.png")).unwrap();
+    assert!(
+        matches!(
+            compare_folders(&pred, &truth, None),
+            Err(EvalError::Ambiguous { .. })
+        ),
+        "one file, two views"
+    );
+}
+
+#[test]
+fn alpha_is_read_from_any_kind_of_picture() {
+    let root = tempfile::tempdir().unwrap();
+    let path = root.path().join("a.png");
+    let levels = |i: u32| (i * 51) as u8;
+    let expected: Vec<f32> = (0..6).map(|i| i as f32 / 5.0).collect();
+    let near = |plane: Plane| {
+        assert_eq!((plane.width, plane.height), (6, 1));
+        plane
+            .values
+            .iter()
+            .zip(&expected)
+            .for_each(|(a, b)| assert_near(f64::from(*a), f64::from(*b), 1e-6));
+    };
+    let grey = GrayImage::from_fn(6, 1, |x, _| Luma([levels(x)]));
+    grey.save(&path).unwrap();
+    near(read_alpha(&path).unwrap());
+    DynamicImage::from(grey.clone())
+        .into_rgb8()
+        .save(&path)
+        .unwrap();
+    near(read_alpha(&path).unwrap());
+    DynamicImage::from(grey).into_rgba8().save(&path).unwrap(); // opaque: luma
+    near(read_alpha(&path).unwrap());
+    ImageBuffer::<Luma<u16>, _>::from_fn(6, 1, |x, _| Luma([(x * 13107) as u16]))
+        .save(&path)
+        .unwrap();
+    near(read_alpha(&path).unwrap());
+    RgbaImage::from_fn(6, 1, |x, _| Rgba([200, 10, 30, levels(x)]))
+        .save(&path)
+        .unwrap();
+    near(read_alpha(&path).unwrap());
+    RgbaImage::from_fn(6, 1, |_, _| Rgba([255, 255, 255, 0]))
+        .save(&path)
+        .unwrap(); // an empty cut-out
+    assert_eq!(read_alpha(&path).unwrap(), Plane::empty(6, 1));
+}
+
+#[test]
+fn bad_input_is_one_sentence_with_the_file() {
+    let (root, pred, truth, start) = scene();
+    let tell = |pred: &Path, start: Option<&Path>| {
+        compare_folders(pred, &truth, start)
+            .unwrap_err()
+            .to_string()
+    };
+    let says = |sentence: String, clues: &[&str]| {
+        clues
+            .iter()
+            .for_each(|clue| assert!(sentence.contains(clue), "{sentence:?} lacks {clue:?}"));
+        assert!(!sentence.contains('\n'));
+    };
+
+    says(
+        tell(&root.path().join("nowhere"), None),
+        &["nowhere", "cannot be read"],
+    );
+    fs::create_dir_all(&pred).unwrap();
+    fs::write(pred.join("notes.txt"), "x").unwrap();
+    says(tell(&pred, None), &["pred", "holds no .png"]);
+    fs::write(pred.join("000.png"), b"\x89PNG\r\n\x1a\nbroken").unwrap();
+    says(tell(&pred, None), &["000.png", "cannot be read"]);
+    save(&disc(30, 15.0, 15.0, 5.0), &pred.join("000.png"));
+    says(
+        tell(&pred, None),
+        &["pred/000.png", "30x30", "truth/000.png", "40x40"],
+    );
+    save(&disc(41, 15.0, 15.0, 5.0), &start.join("002.png"));
+    says(
+        tell(&truth, Some(&start)),
+        &["start/002.png", "41x41", "truth/002.png"],
+    );
+    save(&disc(40, 15.0, 15.0, 5.0), &pred.join("000.png"));
+    save(&disc(40, 15.0, 15.0, 5.0), &pred.join("000.jpg"));
+    says(tell(&pred, None), &["000.png", "000.jpg", "both"]);
+    let other = root.path().join("other");
+    save(&disc(40, 15.0, 15.0, 5.0), &other.join("cat.png"));
+    says(tell(&other, None), &["other", "truth"]);
+    save(&disc(40, 15.0, 15.0, 5.0), &other.join("a1.png"));
+    save(&disc(40, 15.0, 15.0, 5.0), &other.join("b1.png"));
+    says(tell(&other, None), &["a1.png", "b1.png", "\"001\""]);
+}
+
+#[test]
+fn the_table_is_aligned_and_names_the_worst() {
+    let (_root, pred, truth, start) = scene();
+    save(&disc(40, 20.0, 20.0, 10.0), &pred.join("000.png"));
+    save(&disc(40, 22.0, 20.0, 10.0), &pred.join("002.png"));
+    save(&disc(40, 20.0, 20.0, 10.0), &start.join("001.png"));
+    let report = compare_folders(&pred, &truth, Some(&start)).unwrap();
+    let table = report.table(2);
+    let lines: Vec<&str> = table.lines().collect();
+    let widths: Vec<usize> = lines.iter().map(|line| line.len()).collect();
+    assert!(
+        lines[1].starts_with("mean of 3") && lines[2].starts_with("start "),
+        "{table}"
+    );
+    assert!(
+        lines[4].starts_with("001") && lines[5].starts_with("002"),
+        "{table}"
+    );
+    assert!(
+        [1, 2, 4, 5].iter().all(|&i| widths[i] == widths[0]),
+        "{table}"
+    );
+    assert!(
+        table.contains("matte missing, counted as empty: 001\n"),
+        "{table}"
+    );
+    assert_eq!(
+        report.to_string().lines().count(),
+        lines.len() + 1,
+        "Display shows five of the three views"
+    );
+}

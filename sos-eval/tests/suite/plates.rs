@@ -1,0 +1,169 @@
+use crate::folders::save;
+use crate::{assert_near, disc};
+use image::{GrayImage, Luma, Rgb, RgbImage};
+use sos_eval::*;
+use std::fs;
+use std::path::Path;
+
+fn save_rgb(path: &Path, colour: impl Fn(u32, u32) -> [u8; 3]) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    RgbImage::from_fn(40, 40, |x, y| Rgb(colour(x, y)))
+        .save(path)
+        .unwrap();
+}
+
+/// A run and a scene of two views: the plate is off by 51 (0.2) in the left half; the background of the
+/// right half was seen by four views, of the left by two.
+fn run_and_scene(root: &Path) {
+    for view in ["000", "001"] {
+        let file = format!("{view}.png");
+        save(
+            &disc(40, 19.5, 19.5, 10.0),
+            &root.join("scene/alpha_gt").join(&file),
+        );
+        save(
+            &disc(40, 19.5, 19.5, 10.0),
+            &root.join("run/alpha").join(&file),
+        );
+        save_rgb(&root.join("scene/background_gt").join(&file), |_, _| {
+            [100; 3]
+        });
+        save_rgb(&root.join("run/background").join(&file), |x, _| {
+            if x < 20 { [151; 3] } else { [100; 3] }
+        });
+        let seen = root.join("run/background_seen").join(&file);
+        fs::create_dir_all(seen.parent().unwrap()).unwrap();
+        GrayImage::from_fn(40, 40, |x, _| Luma([if x < 20 { 2 } else { 4 }]))
+            .save(seen)
+            .unwrap();
+    }
+}
+
+#[test]
+fn plates_are_scored_inside_the_object_where_seen() {
+    let root = tempfile::tempdir().unwrap();
+    let root = root.path();
+    run_and_scene(root);
+    let score = |min_seen| {
+        let (run, scene) = (root.join("run"), root.join("scene"));
+        let (plates, truth) = (run.join("background"), scene.join("background_gt"));
+        compare_plates(
+            &plates,
+            &truth,
+            &scene.join("alpha_gt"),
+            Some(&run.join("background_seen")),
+            min_seen,
+        )
+        .unwrap()
+    };
+    let half_wrong = -10.0 * (0.5 * 0.2_f64 * 0.2).log10();
+    let strict = score(3);
+    assert_near(strict.seen.unwrap().psnr, 100.0, 1e-9);
+    assert_near(strict.seen_share, 0.5, 1e-12);
+    for q in [
+        strict.object.unwrap(),
+        strict.whole.unwrap(),
+        score(1).seen.unwrap(),
+    ] {
+        assert_near(q.psnr, half_wrong, 1e-4);
+        assert_near(q.psnr_pooled, half_wrong, 1e-4);
+        assert_eq!(q.views, 2);
+        assert!(q.ssim < 1.0);
+    }
+    assert_eq!(score(9).seen, None);
+    assert!(strict.missing.is_empty());
+
+    let json = serde_json::to_value(&strict).unwrap();
+    assert!(
+        json["psnr"].is_number() && json["ssim"].is_number() && json["object"]["psnr"].is_number()
+    );
+    for score in [strict, score(9)] {
+        let text = serde_json::to_string(&score).unwrap();
+        assert_eq!(serde_json::from_str::<PlateScore>(&text).unwrap(), score);
+    }
+}
+
+#[test]
+fn psnr_is_averaged_over_views_or_pooled() {
+    let root = tempfile::tempdir().unwrap();
+    let root = root.path();
+    run_and_scene(root);
+    save_rgb(&root.join("run/background/001.png"), |_, _| [100; 3]);
+    let (plates, truth) = (
+        root.join("run/background"),
+        root.join("scene/background_gt"),
+    );
+    let score = compare_plates(&plates, &truth, &root.join("scene/alpha_gt"), None, 3).unwrap();
+    let object = score.object.unwrap();
+    assert_eq!(
+        score.seen, score.object,
+        "without a map all pixels count as seen"
+    );
+    assert_near(object.psnr, 0.5 * (100.0 - 10.0 * (0.02_f64).log10()), 1e-4);
+    assert_near(object.psnr_pooled, -10.0 * 0.01_f64.log10(), 1e-4);
+
+    fs::remove_file(root.join("run/background/000.png")).unwrap();
+    let score = compare_plates(&plates, &truth, &root.join("scene/alpha_gt"), None, 3).unwrap();
+    assert_eq!(score.missing, ["000"]);
+    assert_eq!(score.object.unwrap().views, 1);
+}
+
+const TRIANGLE: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+
+#[test]
+fn a_run_is_scored_with_all_that_is_there() {
+    let root = tempfile::tempdir().unwrap();
+    let root = root.path();
+    run_and_scene(root);
+    let (run, scene) = (root.join("run"), root.join("scene"));
+    fs::write(scene.join("mesh_gt.ply"), TRIANGLE).unwrap();
+    fs::write(run.join("mesh.ply"), TRIANGLE).unwrap();
+    let by_scene = run_eval(&run, &scene, None).unwrap();
+    assert_eq!(
+        by_scene,
+        run_eval(&run, &scene.join("alpha_gt"), None).unwrap()
+    );
+    assert_eq!(by_scene.mean.iou, 1.0);
+    assert_eq!(by_scene.plate.as_ref().unwrap().truth, "background_gt");
+    assert_near(by_scene.mesh.unwrap().absolute.chamfer, 0.0, 1e-12);
+    let table = by_scene.table(1);
+    assert!(
+        table.contains("plates against background_gt") && table.contains("chamfer"),
+        "{table}"
+    );
+
+    // The plate with the shadow kept is what the pictures show: preferred where it exists.
+    save_rgb(&scene.join("background_shadow_gt/001.png"), |_, _| [100; 3]);
+    let plate = run_eval(&run, &scene, None).unwrap().plate.unwrap();
+    assert_eq!(
+        (plate.truth.as_str(), plate.whole.unwrap().views),
+        ("background_shadow_gt", 1)
+    );
+
+    // A mesh of which nothing is left does not cost the other scores; a broken one is told.
+    fs::write(
+        run.join("mesh.ply"),
+        TRIANGLE
+            .replace("face 1", "face 0")
+            .replace("3 0 1 2\n", ""),
+    )
+    .unwrap();
+    let report = run_eval(&run, &scene, None).unwrap();
+    assert!(
+        report.mesh.is_none() && report.notes[0].contains("mesh.ply"),
+        "{:?}",
+        report.notes
+    );
+    fs::write(run.join("mesh.ply"), "nonsense").unwrap();
+    assert!(matches!(
+        run_eval(&run, &scene, None),
+        Err(EvalError::Mesh { .. })
+    ));
+
+    // Mattes alone are enough.
+    fs::remove_file(run.join("mesh.ply")).unwrap();
+    fs::remove_dir_all(run.join("background")).unwrap();
+    let report = run_eval(&run, &scene, Some(&scene.join("alpha_gt"))).unwrap();
+    assert!(report.plate.is_none() && report.mesh.is_none() && report.start.is_some());
+}
