@@ -28,13 +28,20 @@ pub struct Camera {
 
 impl Camera {
     /// A camera at `eye` that looks at `aim`, its image turned by `roll` (tangent of the angle).
-    pub(crate) fn looking_at(size: (u32, u32), focal: f64, eye: DVec3, aim: DVec3, roll: f64) -> Self {
+    pub(crate) fn looking_at(
+        size: (u32, u32),
+        focal: f64,
+        eye: DVec3,
+        aim: DVec3,
+        roll: f64,
+    ) -> Self {
         let forward = (aim - eye).normalize();
         let level = forward.cross(DVec3::Z).normalize();
         let right = (level + forward.cross(level) * roll).normalize();
         let down = forward.cross(right);
         // Rows of camera_from_world are the camera's axes.
-        let rotation = DQuat::from_mat3(&DMat3::from_cols(right, down, forward).transpose()).normalize();
+        let rotation =
+            DQuat::from_mat3(&DMat3::from_cols(right, down, forward).transpose()).normalize();
         Self {
             width: size.0,
             height: size.1,
@@ -65,14 +72,21 @@ impl Camera {
     pub fn project(&self, world: DVec3) -> Option<(DVec2, f64)> {
         let p = self.rotation * world + self.translation;
         (p.z > 1e-6).then(|| {
-            (DVec2::new(self.fx * p.x / p.z + self.cx, self.fy * p.y / p.z + self.cy), p.z)
+            (
+                DVec2::new(self.fx * p.x / p.z + self.cx, self.fy * p.y / p.z + self.cy),
+                p.z,
+            )
         })
     }
 
     /// Unit direction, in world coordinates, of the ray through a pixel position.
     #[must_use]
     pub fn ray(&self, pixel: DVec2) -> DVec3 {
-        let p = DVec3::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy, 1.0);
+        let p = DVec3::new(
+            (pixel.x - self.cx) / self.fx,
+            (pixel.y - self.cy) / self.fy,
+            1.0,
+        );
         (self.rotation.inverse() * p).normalize()
     }
 
@@ -87,6 +101,7 @@ impl Camera {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -10,17 +10,30 @@ use crate::primitives::{arc, capsule, frustum, rounded_box, smooth_max, smooth_m
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Clutter {
     /// A hardback; the number picks its cover.
-    Book { half: DVec3, cover: u32 },
+    Book {
+        half: DVec3,
+        cover: u32,
+    },
     Orange,
     Apple,
     Mug,
     /// A striped carton.
-    Carton { half: DVec3 },
-    Pencil { colour: u32 },
+    Carton {
+        half: DVec3,
+    },
+    Pencil {
+        colour: u32,
+    },
     /// A painted toy cube.
-    Cube { half: f64, look: u32 },
+    Cube {
+        half: f64,
+        look: u32,
+    },
     /// A printed sheet.
-    Sheet { half: DVec3, look: u32 },
+    Sheet {
+        half: DVec3,
+        look: u32,
+    },
 }
 
 impl Clutter {
@@ -32,7 +45,10 @@ impl Clutter {
             }
             Self::Orange => (DVec3::splat(0.0385), DVec3::Z * 0.038),
             Self::Apple => (DVec3::new(0.041, 0.041, 0.042), DVec3::Z * 0.042),
-            Self::Mug => (DVec3::new(0.062, 0.042, 0.048), DVec3::new(0.020, 0.0, 0.047)),
+            Self::Mug => (
+                DVec3::new(0.062, 0.042, 0.048),
+                DVec3::new(0.020, 0.0, 0.047),
+            ),
             Self::Pencil { .. } => (DVec3::new(0.09, 0.0042, 0.0042), DVec3::Z * 0.004),
             Self::Cube { half, .. } => (DVec3::splat(half), DVec3::Z * half),
         }
@@ -47,24 +63,47 @@ impl Clutter {
                 let q = DVec2::new(p.truncate().length(), p.z - 0.033);
                 // Wider at the shoulders, with a dip where the stem sits.
                 let flesh = DVec2::new(q.x - 0.010, q.y * 0.97).length() - 0.0295;
-                let stem = capsule(p, DVec3::new(0.0, 0.0, 0.055), DVec3::new(0.005, 0.002, 0.078), 0.0016, 0.002);
+                let stem = capsule(
+                    p,
+                    DVec3::new(0.0, 0.0, 0.055),
+                    DVec3::new(0.005, 0.002, 0.078),
+                    0.0016,
+                    0.002,
+                );
                 smooth_min(flesh, stem, 0.003)
             }
             Self::Mug => {
                 let q = DVec2::new(p.truncate().length(), p.z);
-                let outside = frustum(q - DVec2::new(0.0, 0.047), 0.044, 0.034, 0.038) - 0.003;
                 let inside = frustum(q - DVec2::new(0.0, 0.055), 0.048, 0.032, 0.0375);
-                let from = p - DVec3::new(0.042, 0.0, 0.048);
-                let handle = arc(DVec3::new(from.z, from.x, p.y), DVec2::new(1.0, 0.0), 0.027, 0.0055);
-                smooth_max(smooth_min(outside, handle, 0.006), -inside, 0.002)
+                smooth_max(solid_mug(p), -inside, 0.002)
             }
             Self::Carton { half } => rounded_box(p - DVec3::Z * half.z, half, 0.002),
             Self::Pencil { .. } => {
-                let shaft = capsule(p, DVec3::new(-0.086, 0.0, 0.004), DVec3::new(0.066, 0.0, 0.004), 0.004, 0.004);
-                shaft.min(capsule(p, DVec3::new(0.064, 0.0, 0.004), DVec3::new(0.087, 0.0, 0.004), 0.004, 0.0009))
+                let shaft = capsule(
+                    p,
+                    DVec3::new(-0.086, 0.0, 0.004),
+                    DVec3::new(0.066, 0.0, 0.004),
+                    0.004,
+                    0.004,
+                );
+                shaft.min(capsule(
+                    p,
+                    DVec3::new(0.064, 0.0, 0.004),
+                    DVec3::new(0.087, 0.0, 0.004),
+                    0.004,
+                    0.0009,
+                ))
             }
             Self::Cube { half, .. } => rounded_box(p - DVec3::Z * half, DVec3::splat(half), 0.003),
             Self::Sheet { half, .. } => rounded_box(p - DVec3::Z * half.z, half, 0.0),
+        }
+    }
+
+    /// Signed distance to the thing without its hollow.
+    pub(crate) fn filled_sdf(&self, p: DVec3) -> f64 {
+        match self {
+            Self::Mug => solid_mug(p),
+            _ => self.sdf(p),
         }
     }
 
@@ -74,7 +113,11 @@ impl Clutter {
             Self::Book { half, cover } => book_paint(p, n, half, cover),
             Self::Orange => {
                 let pores = speckle3(p / 0.0042, 0.8, 0.4, 20);
-                let skin = mix(rgb(0xe8871a), rgb(0xd9650c), smoothstep(-0.4, 0.4, fbm3(p / 0.02, 3, 21)));
+                let skin = mix(
+                    rgb(0xe8871a),
+                    rgb(0xd9650c),
+                    smoothstep(-0.4, 0.4, fbm3(p / 0.02, 3, 21)),
+                );
                 let navel = smoothstep(0.006, 0.002, (p - DVec3::new(0.012, 0.01, 0.073)).length());
                 Material::glossy(mix(skin * (1.0 - 0.35 * pores), rgb(0x5b6b2a), navel), 0.16)
             }
@@ -84,7 +127,14 @@ impl Clutter {
                 let skin = mix(rgb(0xc9b84a), rgb(0xa3231f), blush);
                 let dots = speckle3(p / 0.006, 0.6, 0.22, 23);
                 let stem = p.z > 0.058 && p.truncate().length() < 0.006;
-                Material::glossy(if stem { rgb(0x4a3320) } else { mix(skin, rgb(0xead9a0), 0.7 * dots) }, 0.3)
+                Material::glossy(
+                    if stem {
+                        rgb(0x4a3320)
+                    } else {
+                        mix(skin, rgb(0xead9a0), 0.7 * dots)
+                    },
+                    0.3,
+                )
             }
             Self::Mug => mug_paint(p),
             Self::Carton { half } => carton_paint(p, n, half),
@@ -94,12 +144,35 @@ impl Clutter {
                 let bands = ink((p.x + 0.074).abs() - 0.004);
                 let body = mix(paint, rgb(0xb9b4a8), bands);
                 let tip = if p.x > 0.081 { rgb(0x222222) } else { wood };
-                Material::glossy(if p.x > 0.066 { tip } else if p.x < -0.079 { rgb(0xc77a76) } else { body }, 0.2)
+                Material::glossy(
+                    if p.x > 0.066 {
+                        tip
+                    } else if p.x < -0.079 {
+                        rgb(0xc77a76)
+                    } else {
+                        body
+                    },
+                    0.2,
+                )
             }
             Self::Cube { half, look } => cube_paint(p, n, half, look),
             Self::Sheet { half, look } => sheet_paint(p, half, look),
         }
     }
+}
+
+/// The mug before it is hollowed out.
+fn solid_mug(p: DVec3) -> f64 {
+    let q = DVec2::new(p.truncate().length(), p.z);
+    let outside = frustum(q - DVec2::new(0.0, 0.047), 0.044, 0.034, 0.038) - 0.003;
+    let from = p - DVec3::new(0.042, 0.0, 0.048);
+    let handle = arc(
+        DVec3::new(from.z, from.x, p.y),
+        DVec2::new(1.0, 0.0),
+        0.027,
+        0.0055,
+    );
+    smooth_min(outside, handle, 0.006)
 }
 
 /// Two boards and a spine around a slightly smaller block of pages.
@@ -109,7 +182,11 @@ fn book(p: DVec3, half: DVec3) -> f64 {
     let pages = rounded_box(q, half - DVec3::new(0.004, 0.004, 0.001), 0.001);
     let edge = q - DVec3::Z * (half.z - BOARD) * if q.z < 0.0 { -1.0 } else { 1.0 };
     let boards = rounded_box(edge, DVec3::new(half.x, half.y, BOARD), 0.0012);
-    let spine = rounded_box(q + DVec3::X * (half.x - BOARD), DVec3::new(BOARD, half.y, half.z), 0.0012);
+    let spine = rounded_box(
+        q + DVec3::X * (half.x - BOARD),
+        DVec3::new(BOARD, half.y, half.z),
+        0.0012,
+    );
     pages.min(boards).min(spine)
 }
 
@@ -132,15 +209,41 @@ fn book_paint(p: DVec3, n: DVec3, half: DVec3, cover: u32) -> Material {
         colour = mix(colour, accent, ink((frame - 0.86).abs() * half.y - 0.0014));
         let scene = fbm2(inner.truncate() / 0.022, 4, 40 + cover);
         if q.x > -0.62 && q.x < 0.30 && q.y.abs() < 0.66 {
-            let hill = if scene + 0.8 * q.x > -0.1 { accent } else { rgb(0x8fa9a6) };
-            colour = mottle(mix(hill, rgb(0x2b2a33), ink(0.006 * (scene - 0.32).abs() - 0.0007)), p, 0.004, 0.3, 41);
+            let hill = if scene + 0.8 * q.x > -0.1 {
+                accent
+            } else {
+                rgb(0x8fa9a6)
+            };
+            colour = mottle(
+                mix(
+                    hill,
+                    rgb(0x2b2a33),
+                    ink(0.006 * (scene - 0.32).abs() - 0.0007),
+                ),
+                p,
+                0.004,
+                0.3,
+                41,
+            );
         } else if q.x > 0.40 && q.x < 0.78 && q.y.abs() < 0.70 {
-            colour = mix(colour, accent, lettering(DVec2::new(inner.y, inner.x), 0.012, 42 + cover));
+            colour = mix(
+                colour,
+                accent,
+                lettering(DVec2::new(inner.y, inner.x), 0.012, 42 + cover),
+            );
         }
     } else if inner.x < 0.0 && n.x < -0.5 {
-        colour = mix(colour, accent, lettering(DVec2::new(inner.y, inner.z), 0.010, 43 + cover));
+        colour = mix(
+            colour,
+            accent,
+            lettering(DVec2::new(inner.y, inner.z), 0.010, 43 + cover),
+        );
     }
-    Material { albedo: colour, gloss: 0.10, sharpness: 4 }
+    Material {
+        albedo: colour,
+        gloss: 0.10,
+        sharpness: 4,
+    }
 }
 
 /// Coverage by rows of made-up letters, `pitch` metres apart.
@@ -150,7 +253,7 @@ fn lettering(q: DVec2, pitch: f64, seed: u32) -> f64 {
     let u = q.x / (0.62 * pitch);
     let letter = floor(u);
     let h = hash3(letter, row, 1, seed);
-    if h % 6 == 0 {
+    if h.is_multiple_of(6) {
         return 0.0;
     }
     let x = u - f64::from(letter) - 0.5;
@@ -174,14 +277,21 @@ fn mug_paint(p: DVec3) -> Material {
     let speckled = mix(base, rgb(0x4b3526), 0.8 * spots);
     if r < 0.0335 && p.z > 0.02 {
         // Coffee-stained inside.
-        return Material::glossy(mix(speckled, rgb(0x5b3a22), smoothstep(0.07, 0.03, p.z)), 0.2);
+        return Material::glossy(
+            mix(speckled, rgb(0x5b3a22), smoothstep(0.07, 0.03, p.z)),
+            0.2,
+        );
     }
     let wave = 0.004 * fbm3(DVec3::new(p.x / 0.012, p.y / 0.012, 0.0), 2, 52);
     let s = (p.z + wave) / 0.0165;
     let band = floor(s);
     let colour = [0x2e4f7c, 0xb3402f, 0xded3bd, 0x3b6e62][(hash3(band, 0, 0, 53) % 4) as usize];
     let inside = ink((s - f64::from(band) - 0.5).abs() * 0.0165 - 0.0058);
-    let striped = mix(speckled, mottle(rgb(colour), p, 0.005, 0.4, 54), if r < 0.046 { inside } else { 0.0 });
+    let striped = mix(
+        speckled,
+        mottle(rgb(colour), p, 0.005, 0.4, 54),
+        if r < 0.046 { inside } else { 0.0 },
+    );
     Material::glossy(striped, 0.28)
 }
 
@@ -200,15 +310,27 @@ fn carton_paint(p: DVec3, n: DVec3, half: DVec3) -> Material {
     let stripe = floor(s);
     let wide = 0.25 + 0.22 * unit(hash3(stripe, 0, 1, 57));
     let inside = ink(((s - f64::from(stripe) - 0.5).abs() - wide) * 0.014);
-    let mut colour = mix(print(0xe9e1d2), print(if stripe & 1 == 0 { 0xc4372f } else { 0xd98a2b }), inside);
+    let mut colour = mix(
+        print(0xe9e1d2),
+        print(if stripe & 1 == 0 { 0xc4372f } else { 0xd98a2b }),
+        inside,
+    );
     let label = (face / size).abs().max_element() - 0.62;
     if label < 0.0 && n.z < 0.7 {
         colour = mix(print(0xf0e7cf), rgb(0x28324e), lettering(face, 0.0135, 58));
         let badge = (face - DVec2::new(0.012, 0.014)).length() - 0.011;
         colour = mix(colour, print(0x2f6b4a), ink(badge));
     }
-    colour = mix(colour, rgb(0x28324e), ink(label.abs() * size.min_element() - 0.001));
-    Material { albedo: colour, gloss: 0.12, sharpness: 4 }
+    colour = mix(
+        colour,
+        rgb(0x28324e),
+        ink(label.abs() * size.min_element() - 0.001),
+    );
+    Material {
+        albedo: colour,
+        gloss: 0.12,
+        sharpness: 4,
+    }
 }
 
 fn cube_paint(p: DVec3, n: DVec3, half: f64, look: u32) -> Material {
@@ -220,16 +342,36 @@ fn cube_paint(p: DVec3, n: DVec3, half: f64, look: u32) -> Material {
     } else {
         (DVec2::new(q.x, q.z), if n.y > 0.0 { 3 } else { 4 })
     };
-    let wood = mottle(mottle(rgb(0xcfa56b), p * DVec3::new(1.0, 4.0, 1.0), 0.012, 0.3, 90 + look), p, 0.003, 0.2, 91);
+    let wood = mottle(
+        mottle(
+            rgb(0xcfa56b),
+            p * DVec3::new(1.0, 4.0, 1.0),
+            0.012,
+            0.3,
+            90 + look,
+        ),
+        p,
+        0.003,
+        0.2,
+        91,
+    );
     let paint = [0x2f6fb0, 0xc43b30, 0x3c8a4c, 0xd8a21e, 0x7b4a94][((look + axis) % 5) as usize];
     let paint = mottle(rgb(paint), p, 0.004, 0.35, 92);
     let border = face.abs().max_element();
     let mut colour = mix(wood, paint, ink((border - 0.82).abs() * half - 0.0018));
     if border < 0.7 {
-        let letter = lettering(face * 0.5 + DVec2::new(0.31, 0.5) * 0.0 + DVec2::new(0.31, 0.5), 1.0, 93 + look * 7 + axis);
+        let letter = lettering(
+            face * 0.5 + DVec2::new(0.31, 0.5),
+            1.0,
+            93 + look * 7 + axis,
+        );
         colour = mix(colour, paint, letter);
     }
-    Material { albedo: colour, gloss: 0.14, sharpness: 4 }
+    Material {
+        albedo: colour,
+        gloss: 0.14,
+        sharpness: 4,
+    }
 }
 
 fn sheet_paint(p: DVec3, half: DVec3, look: u32) -> Material {
@@ -239,18 +381,38 @@ fn sheet_paint(p: DVec3, half: DVec3, look: u32) -> Material {
     if margin.min_element() < 0.0 {
         return Material::matt(fibre);
     }
-    let picture = if look.is_multiple_of(2) { q.y > 0.02 } else { q.x < -0.01 };
+    let picture = if look.is_multiple_of(2) {
+        q.y > 0.02
+    } else {
+        q.x < -0.01
+    };
     let colour = if picture {
         // A halftone landscape.
         let s = fbm2(q / 0.03 + DVec2::splat(f64::from(look)), 5, 97);
         let sky = mix(rgb(0x6f93ad), rgb(0xd9cfae), smoothstep(-0.3, 0.3, s));
-        let land = mix(rgb(0x47602f), rgb(0x8b6a3a), smoothstep(-0.2, 0.4, fbm2(q / 0.01, 4, 98)));
-        if s * 0.05 + q.y - 0.4 * q.x > 0.03 { sky } else { land }
+        let land = mix(
+            rgb(0x47602f),
+            rgb(0x8b6a3a),
+            smoothstep(-0.2, 0.4, fbm2(q / 0.01, 4, 98)),
+        );
+        if s * 0.05 + q.y - 0.4 * q.x > 0.03 {
+            sky
+        } else {
+            land
+        }
     } else {
         let column = floor(q.x / 0.052);
         let gap = (q.x / 0.052 - f64::from(column) - 0.5).abs() > 0.44;
         let pitch = if q.y > 0.0 { 0.0075 } else { 0.0055 };
-        mix(fibre, rgb(0x2a2826), if gap { 0.0 } else { 0.9 * lettering(q, pitch, 99 + look) })
+        mix(
+            fibre,
+            rgb(0x2a2826),
+            if gap {
+                0.0
+            } else {
+                0.9 * lettering(q, pitch, 99 + look)
+            },
+        )
     };
     Material::matt(mottle(colour, p, 0.003, 0.15, 100))
 }

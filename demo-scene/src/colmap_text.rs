@@ -14,7 +14,11 @@ pub(crate) fn model(scene: &DemoScene) -> [String; 3] {
 fn cameras(scene: &DemoScene) -> String {
     let mut text = String::from("# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
     if let Some(c) = scene.views.first().map(|view| &view.camera) {
-        let _ = writeln!(text, "1 PINHOLE {} {} {} {} {} {}", c.width, c.height, c.fx, c.fy, c.cx, c.cy);
+        let _ = writeln!(
+            text,
+            "1 PINHOLE {} {} {} {} {} {}",
+            c.width, c.height, c.fx, c.fy, c.cx, c.cy
+        );
     }
     text
 }
@@ -28,12 +32,26 @@ fn images(scene: &DemoScene) -> String {
         let _ = writeln!(
             text,
             "{} {} {} {} {} {} {} {} 1 {}",
-            index + 1, q.w, q.x, q.y, q.z, t.x, t.y, t.z, view.name
+            index + 1,
+            q.w,
+            q.x,
+            q.y,
+            q.z,
+            t.x,
+            t.y,
+            t.z,
+            view.name
         );
         let seen = scene.points.iter().enumerate().flat_map(|(id, point)| {
-            point.observations.iter().filter(|o| o.view == index).map(move |o| (id + 1, o.pixel))
+            point
+                .observations
+                .iter()
+                .filter(|o| o.view == index)
+                .map(move |o| (id + 1, o.pixel))
         });
-        let line: Vec<String> = seen.map(|(id, p)| format!("{:.4} {:.4} {id}", p.x, p.y)).collect();
+        let line: Vec<String> = seen
+            .map(|(id, p)| format!("{:.4} {:.4} {id}", p.x, p.y))
+            .collect();
         text.push_str(&line.join(" "));
         text.push('\n');
     }
@@ -41,9 +59,8 @@ fn images(scene: &DemoScene) -> String {
 }
 
 fn points(scene: &DemoScene) -> String {
-    let mut text = String::from(
-        "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n",
-    );
+    let mut text =
+        String::from("# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n");
     // Position of the next observation in each view's line.
     let mut next = vec![0_usize; scene.views.len()];
     for (index, point) in scene.points.iter().enumerate() {

@@ -39,6 +39,12 @@ impl DemoConfig {
     /// A miniature for tests: 12 views of 96 x 72 in well under two seconds.
     #[must_use]
     pub fn tiny() -> Self {
-        Self { views: 12, width: 96, height: 72, mesh_cell: 0.003, ..Self::default() }
+        Self {
+            views: 12,
+            width: 96,
+            height: 72,
+            mesh_cell: 0.003,
+            ..Self::default()
+        }
     }
 }

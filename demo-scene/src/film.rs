@@ -17,7 +17,7 @@ pub(crate) struct Sample {
 }
 
 /// Filter radius in pixels: samples of the eight neighbours count too.
-const RADIUS: f32 = 0.95;
+const RADIUS: f32 = 1.2;
 
 /// A developed pixel: three RGB layers and coverage, still linear.
 pub(crate) type Developed = ([[f32; 3]; 3], f32);
@@ -123,14 +123,22 @@ mod tests {
         let curve = ToneCurve::new();
         assert_eq!(curve.apply(0.0), 0.0);
         assert!(curve.apply(8.0) > 0.97);
-        let rising = (1..800).all(|i| curve.apply(i as f32 * 0.01) >= curve.apply((i - 1) as f32 * 0.01));
+        let rising =
+            (1..800).all(|i| curve.apply(i as f32 * 0.01) >= curve.apply((i - 1) as f32 * 0.01));
         assert!(rising);
     }
 
     #[test]
     fn a_constant_picture_stays_constant() {
-        let sample = |x, y| Sample { layers: [[0.25; 3]; 3], target: 1.0, x, y };
-        let samples: Vec<_> = (0..18).map(|i| sample((i % 5) as f32 * 0.19, (i % 7) as f32 * 0.13)).collect();
+        let sample = |x, y| Sample {
+            layers: [[0.25; 3]; 3],
+            target: 1.0,
+            x,
+            y,
+        };
+        let samples: Vec<_> = (0..18)
+            .map(|i| sample((i % 5) as f32 * 0.19, (i % 7) as f32 * 0.13))
+            .collect();
         for pixel in [(0, 0), (1, 1), (2, 2)] {
             let (layers, coverage) = gather(&samples, 2, (3, 3), pixel);
             assert!((coverage - 1.0).abs() < 1e-6);

@@ -36,11 +36,13 @@
 //! | module | idea |
 //! |---|---|
 //! | `config`, `scene`, `write`, `error` | what to make, the result, the folder it becomes |
-//! | `watering_can`, `clutter`, `room`, `stage` | shapes and paint of the things; where they stand |
+//! | `watering_can`, `clutter`, `room` | shapes and paint of the things |
+//! | `prop`, `arrangement`, `stage` | a thing at its place, which places, what a ray meets |
 //! | `primitives`, `noise`, `paint` | distances, lattice noise and random numbers, colours |
 //! | `orbit`, `camera`, `lighting`, `film`, `render` | from stage to pictures |
-//! | `target`, `sparse`, `coarse`, `colmap_text` | mesh, points, flawed masks, the text model |
+//! | `target`, `sparse`, `coarse`, `mask`, `colmap_text` | mesh, points, flawed masks, the text model |
 
+mod arrangement;
 mod camera;
 mod clutter;
 mod coarse;
@@ -49,10 +51,12 @@ mod config;
 mod error;
 mod film;
 mod lighting;
+mod mask;
 mod noise;
 mod orbit;
 mod paint;
 mod primitives;
+mod prop;
 mod render;
 mod room;
 mod scene;
@@ -69,3 +73,7 @@ pub use scene::{DemoScene, DemoView, generate};
 pub use sparse::{Observation, SparsePoint};
 pub use stage::TABLE_CENTRE;
 pub use target::{Mesh, target_bounds, target_sdf};
+
+#[doc = include_str!("../README.md")]
+#[cfg(doctest)]
+struct Readme;

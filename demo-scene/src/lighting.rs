@@ -52,10 +52,16 @@ pub(crate) fn visibility(stage: &Stage, hit: &Hit) -> Visibility {
         if facing {
             let middle = to_prop.dot(along);
             let aside = (to_prop.length_squared() - middle * middle).max(0.0).sqrt();
-            if middle > -prop.radius && aside < prop.radius + WINDOW_SPREAD * (middle + prop.radius) {
+            if middle > -prop.radius && aside < prop.radius + WINDOW_SPREAD * (middle + prop.radius)
+            {
                 let start = (middle - 1.0 * prop.radius - 0.02).max(0.004);
                 let end = (middle + prop.radius + 0.02).min(distance);
-                let light = penumbra(|t| prop.sdf(from + along * t), start, end);
+                let light = if own {
+                    // A thing shades itself with its walls, which count as thick.
+                    penumbra(|t| thick(prop.sdf(from + along * t)), start, end)
+                } else {
+                    penumbra(|t| prop.filled_sdf(from + along * t), start, end)
+                };
                 if index == TARGET {
                     target_shadow *= light;
                 } else {
@@ -85,9 +91,20 @@ pub(crate) fn visibility(stage: &Stage, hit: &Hit) -> Visibility {
         (1.0 - 1.15 * occluded).max(0.08)
     };
     Visibility {
-        with_target: Reach { window: shadow * target_shadow, room: open(&gap) },
-        without_target: Reach { window: shadow, room: open(&gap_without) },
+        with_target: Reach {
+            window: shadow * target_shadow,
+            room: open(&gap),
+        },
+        without_target: Reach {
+            window: shadow,
+            room: open(&gap_without),
+        },
     }
+}
+
+/// Deepens a thin wall to ten times its thickness.
+fn thick(h: f64) -> f64 {
+    if h < 0.0 { 10.0 * h } else { h }
 }
 
 /// Share of a round light seen past a solid: the closest approach of the ray relative to the cone
@@ -121,7 +138,8 @@ pub(crate) fn radiance(hit: &Hit, material: &Material, along: DVec3, reach: &Rea
     // Equal on the table, weaker far from the window, bounded near it.
     let strength = (5.2 / (distance * distance + 0.6)).min(1.5);
     let up = 0.5 + 0.5 * n.z;
-    let ambient = FLOOR_LIGHT + (CEILING_LIGHT - FLOOR_LIGHT) * up + FILL * (0.5 + 0.5 * n.dot(FILL_FROM)) ;
+    let ambient =
+        FLOOR_LIGHT + (CEILING_LIGHT - FLOOR_LIGHT) * up + FILL * (0.5 + 0.5 * n.dot(FILL_FROM));
     let diffuse = WINDOW_LIGHT * (lambert * strength * reach.window) + ambient * reach.room;
     let half = (l - along).normalize_or(n);
     let mut lobe = n.dot(half).max(0.0);

@@ -32,7 +32,11 @@ struct Arguments {
 
 fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
-    let base = if arguments.tiny { DemoConfig::tiny() } else { DemoConfig::default() };
+    let base = if arguments.tiny {
+        DemoConfig::tiny()
+    } else {
+        DemoConfig::default()
+    };
     let config = DemoConfig {
         views: arguments.views.unwrap_or(base.views),
         width: arguments.width.unwrap_or(base.width),
@@ -42,7 +46,9 @@ fn main() -> anyhow::Result<()> {
     };
     let start = Instant::now();
     let scene = generate(&config);
-    scene.write(&arguments.out).context("the scene was not written")?;
+    scene
+        .write(&arguments.out)
+        .context("the scene was not written")?;
     println!(
         "{}: {} views, {} points, mean coarse IoU {:.3}, {:.1} s",
         arguments.out.display(),

@@ -52,8 +52,16 @@ pub(crate) fn value2(p: DVec2, seed: u32) -> f64 {
 pub(crate) fn value3(p: DVec3, seed: u32) -> f64 {
     let ((x, u), (y, v), (z, w)) = (cell(p.x), cell(p.y), cell(p.z));
     let at = |i, j, k| unit(hash3(x + i, y + j, z + k, seed));
-    let low = lerp(lerp(at(0, 0, 0), at(1, 0, 0), u), lerp(at(0, 1, 0), at(1, 1, 0), u), v);
-    let high = lerp(lerp(at(0, 0, 1), at(1, 0, 1), u), lerp(at(0, 1, 1), at(1, 1, 1), u), v);
+    let low = lerp(
+        lerp(at(0, 0, 0), at(1, 0, 0), u),
+        lerp(at(0, 1, 0), at(1, 1, 0), u),
+        v,
+    );
+    let high = lerp(
+        lerp(at(0, 0, 1), at(1, 0, 1), u),
+        lerp(at(0, 1, 1), at(1, 1, 1), u),
+        v,
+    );
     2.0 * lerp(low, high, w) - 1.0
 }
 
@@ -168,14 +176,21 @@ mod tests {
         let draws: Vec<f64> = (0..20_000).map(|_| rng.normal()).collect();
         let mean = draws.iter().sum::<f64>() / 20_000.0;
         let variance = draws.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 20_000.0;
-        assert!(mean.abs() < 0.03 && (variance - 1.0).abs() < 0.03, "{mean} {variance}");
+        assert!(
+            mean.abs() < 0.03 && (variance - 1.0).abs() < 0.03,
+            "{mean} {variance}"
+        );
     }
 
     #[test]
     fn noise_stays_in_range_and_is_continuous() {
         let mut rng = Rng::new(1, 2);
         for _ in 0..2000 {
-            let p = DVec3::new(rng.range(-9.0, 9.0), rng.range(-9.0, 9.0), rng.range(-9.0, 9.0));
+            let p = DVec3::new(
+                rng.range(-9.0, 9.0),
+                rng.range(-9.0, 9.0),
+                rng.range(-9.0, 9.0),
+            );
             let a = fbm3(p, 4, 5);
             assert!(a.abs() <= 1.0);
             assert!((a - fbm3(p + 1e-7, 4, 5)).abs() < 1e-4);

@@ -5,7 +5,7 @@ use glam::DVec3;
 use crate::camera::Camera;
 use crate::config::DemoConfig;
 use crate::noise::Rng;
-use crate::stage::{TABLE_CENTRE, TARGET, Stage};
+use crate::stage::{Stage, TABLE_CENTRE, TARGET};
 
 /// Focal length in image widths: a horizontal field of view of about 48 degrees.
 const FOCAL_PER_WIDTH: f64 = 1.12;

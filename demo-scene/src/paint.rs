@@ -18,12 +18,20 @@ pub(crate) struct Material {
 impl Material {
     /// A dull surface.
     pub(crate) fn matt(albedo: DVec3) -> Self {
-        Self { albedo, gloss: 0.04, sharpness: 3 }
+        Self {
+            albedo,
+            gloss: 0.04,
+            sharpness: 3,
+        }
     }
 
     /// A shiny one.
     pub(crate) fn glossy(albedo: DVec3, gloss: f64) -> Self {
-        Self { albedo, gloss, sharpness: 6 }
+        Self {
+            albedo,
+            gloss,
+            sharpness: 6,
+        }
     }
 }
 

@@ -25,9 +25,16 @@ pub(crate) fn capsule(p: DVec3, a: DVec3, b: DVec3, ra: f64, rb: f64) -> f64 {
 pub(crate) fn frustum(q: DVec2, half: f64, low: f64, high: f64) -> f64 {
     let k1 = DVec2::new(high, half);
     let k2 = DVec2::new(high - low, 2.0 * half);
-    let cap = DVec2::new(q.x - q.x.min(if q.y < 0.0 { low } else { high }), q.y.abs() - half);
+    let cap = DVec2::new(
+        q.x - q.x.min(if q.y < 0.0 { low } else { high }),
+        q.y.abs() - half,
+    );
     let flank = q - k1 + k2 * ((k1 - q).dot(k2) / k2.length_squared()).clamp(0.0, 1.0);
-    let sign = if flank.x < 0.0 && cap.y < 0.0 { -1.0 } else { 1.0 };
+    let sign = if flank.x < 0.0 && cap.y < 0.0 {
+        -1.0
+    } else {
+        1.0
+    };
     sign * cap.length_squared().min(flank.length_squared()).sqrt()
 }
 
@@ -35,8 +42,15 @@ pub(crate) fn frustum(q: DVec2, half: f64, low: f64, high: f64) -> f64 {
 /// `reach` to either side, with round ends.
 pub(crate) fn arc(p: DVec3, reach: DVec2, major: f64, minor: f64) -> f64 {
     let q = DVec2::new(p.x.abs(), p.y);
-    let k = if reach.y * q.x > reach.x * q.y { q.dot(reach) } else { q.length() };
-    (p.length_squared() + major * major - 2.0 * major * k).max(0.0).sqrt() - minor
+    let k = if reach.y * q.x > reach.x * q.y {
+        q.dot(reach)
+    } else {
+        q.length()
+    };
+    (p.length_squared() + major * major - 2.0 * major * k)
+        .max(0.0)
+        .sqrt()
+        - minor
 }
 
 /// Full torus around the z axis.
@@ -68,10 +82,22 @@ mod tests {
             &|p| capsule(p, DVec3::ZERO, DVec3::new(0.1, 0.0, 0.1), 0.03, 0.01),
             &|p| frustum(DVec2::new(p.truncate().length(), p.z), 0.1, 0.1, 0.05),
             &|p| arc(p, DVec2::new(0.96, -0.28), 0.1, 0.02),
-            &|p| smooth_min(p.length() - 0.1, ring(DVec2::new(p.truncate().length(), p.z), 0.1, 0.03), 0.02),
+            &|p| {
+                smooth_min(
+                    p.length() - 0.1,
+                    ring(DVec2::new(p.truncate().length(), p.z), 0.1, 0.03),
+                    0.02,
+                )
+            },
         ];
         let mut rng = Rng::new(11, 0);
-        let mut point = || DVec3::new(rng.range(-0.3, 0.3), rng.range(-0.3, 0.3), rng.range(-0.3, 0.3));
+        let mut point = || {
+            DVec3::new(
+                rng.range(-0.3, 0.3),
+                rng.range(-0.3, 0.3),
+                rng.range(-0.3, 0.3),
+            )
+        };
         for (index, solid) in solids.iter().enumerate() {
             for _ in 0..4000 {
                 let (a, b) = (point(), point());

@@ -8,7 +8,7 @@ use crate::camera::Camera;
 use crate::film::{Sample, ToneCurve, gather, jitter, quantise};
 use crate::lighting::{Visibility, radiance, vignette, visibility};
 use crate::noise::Rng;
-use crate::stage::{Hit, Seen, Stage, TARGET, TABLE_CENTRE};
+use crate::stage::{Hit, Seen, Stage, TABLE_CENTRE, TARGET};
 
 /// The pictures of one view.
 pub(crate) struct Pictures {
@@ -38,15 +38,24 @@ impl SharedLight {
 }
 
 /// Renders one view. `stream` separates the random numbers of different views.
-pub(crate) fn render(stage: &Stage, camera: &Camera, per_pixel: usize, seed: u64, stream: u64) -> Pictures {
+pub(crate) fn render(
+    stage: &Stage,
+    camera: &Camera,
+    per_pixel: usize,
+    seed: u64,
+    stream: u64,
+) -> Pictures {
     let size = (camera.width as usize, camera.height as usize);
     let mut samples = vec![Sample::default(); size.0 * size.1 * per_pixel];
-    samples.par_chunks_mut(size.0 * per_pixel).enumerate().for_each(|(y, row)| {
-        let mut rng = Rng::new(seed, stream << 20 | y as u64);
-        for (x, pixel) in row.chunks_mut(per_pixel).enumerate() {
-            expose(stage, camera, (x, y), &mut rng, pixel);
-        }
-    });
+    samples
+        .par_chunks_mut(size.0 * per_pixel)
+        .enumerate()
+        .for_each(|(y, row)| {
+            let mut rng = Rng::new(seed, stream << 20 | y as u64);
+            for (x, pixel) in row.chunks_mut(per_pixel).enumerate() {
+                expose(stage, camera, (x, y), &mut rng, pixel);
+            }
+        });
 
     let curve = ToneCurve::new();
     let rows: Vec<Vec<([[u8; 3]; 3], u8)>> = (0..size.1)
@@ -67,18 +76,28 @@ pub(crate) fn render(stage: &Stage, camera: &Camera, per_pixel: usize, seed: u64
         })
         .collect();
     let layer = |k: usize| {
-        RgbImage::from_fn(camera.width, camera.height, |x, y| Rgb(rows[y as usize][x as usize].0[k]))
+        RgbImage::from_fn(camera.width, camera.height, |x, y| {
+            Rgb(rows[y as usize][x as usize].0[k])
+        })
     };
     Pictures {
         photo: layer(0),
         background_shadow: layer(1),
         background: layer(2),
-        alpha: GrayImage::from_fn(camera.width, camera.height, |x, y| Luma([rows[y as usize][x as usize].1])),
+        alpha: GrayImage::from_fn(camera.width, camera.height, |x, y| {
+            Luma([rows[y as usize][x as usize].1])
+        }),
     }
 }
 
 /// Traces and shades the samples of one pixel.
-fn expose(stage: &Stage, camera: &Camera, (x, y): (usize, usize), rng: &mut Rng, samples: &mut [Sample]) {
+fn expose(
+    stage: &Stage,
+    camera: &Camera,
+    (x, y): (usize, usize),
+    rng: &mut Rng,
+    samples: &mut [Sample],
+) {
     let eye = camera.centre() - TABLE_CENTRE;
     let shift = DVec2::new(rng.unit(), rng.unit());
     let count = samples.len();
@@ -104,7 +123,10 @@ fn expose(stage: &Stage, camera: &Camera, (x, y): (usize, usize), rng: &mut Rng,
         } else if light.with_target == light.without_target {
             (seen, seen)
         } else {
-            (seen, radiance(&hit, &material, along, &light.without_target))
+            (
+                seen,
+                radiance(&hit, &material, along, &light.without_target),
+            )
         };
         let lens = vignette((pixel - half_size) / half_size.length());
         *sample = Sample {

@@ -27,15 +27,21 @@ impl Furniture {
     pub(crate) fn material(self, p: DVec3, n: DVec3, half: DVec3) -> Material {
         match self {
             Self::TableTop => table_wood(p, n),
-            Self::TableLeg => {
-                Material::matt(mix(rgb(0x5f3a20), rgb(0x3f2514), grain(DVec2::new(p.z, p.x + p.y), 204)))
-            }
+            Self::TableLeg => Material::matt(mix(
+                rgb(0x5f3a20),
+                rgb(0x3f2514),
+                grain(DVec2::new(p.z, p.x + p.y), 204),
+            )),
             Self::Bookshelf => bookshelf(p, n, half),
             Self::Sideboard => sideboard(p, n, half),
             Self::Cushion => cushion(p),
             Self::Picture => picture(p, half),
             Self::Stool => {
-                let wood = mix(rgb(0xb98a55), rgb(0x7d5630), grain(DVec2::new(p.x, p.y), 206));
+                let wood = mix(
+                    rgb(0xb98a55),
+                    rgb(0x7d5630),
+                    grain(DVec2::new(p.x, p.y), 206),
+                );
                 Material::matt(wood)
             }
         }
@@ -57,12 +63,18 @@ fn table_wood(p: DVec3, n: DVec3) -> Material {
     const JOINTS: [f64; 8] = [-0.5, -0.372, -0.231, -0.118, 0.028, 0.155, 0.297, 0.5];
     let board = JOINTS.iter().filter(|joint| **joint < y).count() as u32;
     let h = |k: i32| unit(hash3(board as i32, k, 3, 211));
-    let joint = JOINTS.iter().map(|joint| (joint - y).abs()).fold(f64::MAX, f64::min);
+    let joint = JOINTS
+        .iter()
+        .map(|joint| (joint - y).abs())
+        .fold(f64::MAX, f64::min);
     // Knots bend the fibres around them.
-    let mut q = DVec2::new(p.x + 3.0 * h(1), y + 0.7 * h(2)) ;
+    let mut q = DVec2::new(p.x + 3.0 * h(1), y + 0.7 * h(2));
     let mut knot_dark = 0.0_f64;
     for k in 0..3 {
-        let at = DVec2::new(-0.7 + 1.4 * h(10 + k), JOINTS[board.clamp(1, 7) as usize] - 0.02 - 0.09 * h(20 + k));
+        let at = DVec2::new(
+            -0.7 + 1.4 * h(10 + k),
+            JOINTS[board.clamp(1, 7) as usize] - 0.02 - 0.09 * h(20 + k),
+        );
         let from = (DVec2::new(p.x, y) - at) * DVec2::new(0.55, 1.0);
         let size = 0.006 + 0.008 * h(30 + k);
         let near = size * size / (from.length_squared() + size * size);
@@ -71,24 +83,42 @@ fn table_wood(p: DVec3, n: DVec3) -> Material {
     }
     let dark = grain(q, 212 + 31 * board);
     let tone = 0.82 + 0.34 * h(3);
-    let mut colour = mix(rgb(0xc08a50), rgb(0x6a3d1c), dark) * tone;
+    let mut colour = mix(rgb(0xba8d5e), rgb(0x67442a), dark) * tone;
     colour = mix(colour, rgb(0x3a2010), 0.75 * knot_dark);
     let pores = smoothstep(0.28, 0.62, fbm2(q * DVec2::new(45.0, 330.0), 2, 213));
     colour *= 1.0 - 0.42 * pores;
     colour *= 1.0 - 0.7 * smoothstep(0.0022, 0.0006, joint);
     // Scratches and rings left by cups.
-    let scratch = value2(DVec2::new(p.x * 7.0 + p.y * 3.0, (p.y - 0.6 * p.x) * 240.0), 214);
+    let scratch = value2(
+        DVec2::new(p.x * 7.0 + p.y * 3.0, (p.y - 0.6 * p.x) * 240.0),
+        214,
+    );
     colour *= 1.0 + 0.35 * smoothstep(0.86, 0.98, scratch);
-    for (x, y, r) in [(-0.27, -0.24, 0.036), (0.31, 0.13, 0.041), (-0.10, 0.36, 0.034)] {
+    for (x, y, r) in [
+        (-0.27, -0.24, 0.036),
+        (0.31, 0.13, 0.041),
+        (-0.10, 0.36, 0.034),
+    ] {
         let d = (DVec2::new(p.x - x, p.y - y).length() - r).abs();
-        colour *= 1.0 - 0.25 * smoothstep(0.003, 0.001, d) * smoothstep(-0.5, 0.3, fbm2(p.truncate() / 0.02, 2, 215));
+        colour *= 1.0
+            - 0.25
+                * smoothstep(0.003, 0.001, d)
+                * smoothstep(-0.5, 0.3, fbm2(p.truncate() / 0.02, 2, 215));
     }
     colour = mottle(colour, p, 0.0045, 0.13, 216);
-    Material { albedo: colour * if edge { 0.8 } else { 1.0 }, gloss: 0.10, sharpness: 4 }
+    Material {
+        albedo: colour * if edge { 0.8 } else { 1.0 },
+        gloss: 0.10,
+        sharpness: 4,
+    }
 }
 
 fn bookshelf(p: DVec3, n: DVec3, half: DVec3) -> Material {
-    let frame = mix(rgb(0x8a6238), rgb(0x54381c), grain(DVec2::new(p.z + p.y, p.x), 220));
+    let frame = mix(
+        rgb(0x8a6238),
+        rgb(0x54381c),
+        grain(DVec2::new(p.z + p.y, p.x), 220),
+    );
     if n.y > -0.5 {
         return Material::matt(frame);
     }
@@ -130,12 +160,21 @@ fn bookshelf(p: DVec3, n: DVec3, half: DVec3) -> Material {
 }
 
 fn sideboard(p: DVec3, n: DVec3, half: DVec3) -> Material {
-    let mut colour = mix(rgb(0x9fb0a0), rgb(0x7f9486), smoothstep(-0.4, 0.4, fbm2(DVec2::new(p.y + p.x, p.z) / 0.09, 5, 230)));
+    let mut colour = mix(
+        rgb(0x9fb0a0),
+        rgb(0x7f9486),
+        smoothstep(-0.4, 0.4, fbm2(DVec2::new(p.y + p.x, p.z) / 0.09, 5, 230)),
+    );
     // Worn paint: the wood shows in patches, more so near the edges of the doors.
-    let wood = mix(rgb(0x7d5a35), rgb(0x4d331a), grain(DVec2::new(p.z, p.y + p.x), 231));
+    let wood = mix(
+        rgb(0x7d5a35),
+        rgb(0x4d331a),
+        grain(DVec2::new(p.z, p.y + p.x), 231),
+    );
     let door = (p.y / (half.y * 0.5)).abs() % 1.0;
     let edge = door.min(1.0 - door) * half.y * 0.5;
-    let wear = fbm2(DVec2::new(p.y + 2.0 * p.x, p.z) / 0.03, 4, 232) + 0.5 * smoothstep(0.05, 0.0, edge);
+    let wear =
+        fbm2(DVec2::new(p.y + 2.0 * p.x, p.z) / 0.03, 4, 232) + 0.5 * smoothstep(0.05, 0.0, edge);
     colour = mix(colour, wood, smoothstep(0.36, 0.46, wear));
     if n.x > 0.5 {
         colour *= 1.0 - 0.75 * smoothstep(0.006, 0.003, edge);
@@ -148,7 +187,11 @@ fn sideboard(p: DVec3, n: DVec3, half: DVec3) -> Material {
 fn cushion(p: DVec3) -> Material {
     let weave = value2(DVec2::new((p.x + p.z) / 0.011, (p.y - p.z) / 0.011), 240);
     let check = (floor((p.x + p.z) / 0.09) + floor((p.y + 0.3 * p.z) / 0.09)) & 1;
-    let base = if check == 0 { rgb(0x7b8b9c) } else { rgb(0x5f6f84) };
+    let base = if check == 0 {
+        rgb(0x7b8b9c)
+    } else {
+        rgb(0x5f6f84)
+    };
     let accent = mottle(base, p, 0.04, 0.45, 241);
     Material::matt(accent * (1.0 + 0.3 * weave))
 }
@@ -156,13 +199,31 @@ fn cushion(p: DVec3) -> Material {
 fn picture(p: DVec3, half: DVec3) -> Material {
     let q = DVec2::new(p.x, p.z) / DVec2::new(half.x, half.z);
     let frame = q.abs().max_element();
-    let gilt = mix(rgb(0x9a7430), rgb(0x5d4119), smoothstep(-0.3, 0.3, fbm2(q * 30.0, 3, 250)));
+    let gilt = mix(
+        rgb(0x9a7430),
+        rgb(0x5d4119),
+        smoothstep(-0.3, 0.3, fbm2(q * 30.0, 3, 250)),
+    );
     let m = DVec2::new(p.x, p.z);
     let s = fbm2(m / 0.16, 5, 251);
-    let sky = mix(rgb(0xd6b98a), rgb(0x7f9fb5), smoothstep(-0.2, 0.7, q.y + 0.4 * s));
-    let field = mix(rgb(0x6f7d3a), rgb(0x3d5230), smoothstep(-0.3, 0.3, fbm2(m / 0.05, 4, 252)));
+    let sky = mix(
+        rgb(0xd6b98a),
+        rgb(0x7f9fb5),
+        smoothstep(-0.2, 0.7, q.y + 0.4 * s),
+    );
+    let field = mix(
+        rgb(0x6f7d3a),
+        rgb(0x3d5230),
+        smoothstep(-0.3, 0.3, fbm2(m / 0.05, 4, 252)),
+    );
     let scene = if q.y + 0.5 * s < -0.05 { field } else { sky };
-    let colour = if frame > 0.9 { gilt } else if frame > 0.78 { rgb(0xe2d9c4) } else { scene };
+    let colour = if frame > 0.9 {
+        gilt
+    } else if frame > 0.78 {
+        rgb(0xe2d9c4)
+    } else {
+        scene
+    };
     Material::matt(mottle(colour, p, 0.014, 0.25, 253))
 }
 
@@ -181,15 +242,25 @@ pub(crate) fn shell_material(p: DVec3, n: DVec3) -> Material {
         let board = mottle(rgb(0xd9d2c2), p, 0.02, 0.2, 261);
         return Material::matt(board * (1.0 - 0.6 * smoothstep(0.095, 0.108, height)));
     }
-    let plaster = mix(rgb(0xcdb994), rgb(0xb39a74), smoothstep(-0.5, 0.5, fbm2(q / 0.25, 6, 262)));
+    let plaster = mix(
+        rgb(0xcdb994),
+        rgb(0xb39a74),
+        smoothstep(-0.5, 0.5, fbm2(q / 0.25, 6, 262)),
+    );
     // Wallpaper: sprigs in staggered cells, each a little different.
     let row = floor(q.y / 0.11);
     let x = q.x / 0.11 + 0.5 * f64::from(row & 1);
     let column = floor(x);
     let h = |k: i32| unit(hash3(column, row, k, 263)) - 0.5;
-    let from = DVec2::new(x - f64::from(column) - 0.5, q.y / 0.11 - f64::from(row) - 0.5) - 0.2 * DVec2::new(h(1), h(2));
+    let from = DVec2::new(
+        x - f64::from(column) - 0.5,
+        q.y / 0.11 - f64::from(row) - 0.5,
+    ) - 0.2 * DVec2::new(h(1), h(2));
     let petals = 0.10 + 0.05 * h(3);
-    let d = (from.abs() - DVec2::splat(petals)).length().min(from.length()) - 0.075;
+    let d = (from.abs() - DVec2::splat(petals))
+        .length()
+        .min(from.length())
+        - 0.075;
     let sprig = mix(rgb(0x8c3f35), rgb(0x4f6a4a), smoothstep(-0.2, 0.2, h(4)));
     let mut colour = mix(plaster, sprig, 0.8 * smoothstep(0.02, -0.02, d));
     let stem = (from.x - 0.1 * value2(DVec2::new(q.y * 20.0, x), 264)).abs();
@@ -212,7 +283,11 @@ fn floor_boards(p: DVec3) -> Material {
     let mut colour = mix(rgb(0xa27a4e), rgb(0x5e3d22), dark) * (0.65 + 0.6 * h);
     let gap = (p.x / 0.13 - f64::from(row)).min(8.0 * (offset - f64::from(plank)));
     colour *= 1.0 - 0.7 * smoothstep(0.05, 0.015, gap);
-    Material { albedo: mottle(colour, p, 0.012, 0.25, 273), gloss: 0.08, sharpness: 3 }
+    Material {
+        albedo: mottle(colour, p, 0.012, 0.25, 273),
+        gloss: 0.08,
+        sharpness: 3,
+    }
 }
 
 fn rug_pile(q: DVec2, inwards: f64) -> DVec3 {

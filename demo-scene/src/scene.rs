@@ -3,8 +3,9 @@
 use image::{GrayImage, RgbImage};
 
 use crate::camera::Camera;
-use crate::coarse::{coarse_masks, iou};
+use crate::coarse::coarse_masks;
 use crate::config::DemoConfig;
+use crate::mask::iou;
 use crate::orbit::cameras;
 use crate::render::render;
 use crate::sparse::{SparsePoint, sparse_points};
@@ -64,14 +65,21 @@ pub fn generate(config: &DemoConfig) -> DemoScene {
             }
         })
         .collect();
-    let pictures: Vec<_> = views.iter().map(|view| (&view.photo, &view.alpha)).collect();
+    let pictures: Vec<_> = views
+        .iter()
+        .map(|view| (&view.photo, &view.alpha))
+        .collect();
     let masks = coarse_masks(&pictures, config.seed);
     let photos: Vec<_> = views.iter().map(|view| &view.photo).collect();
     let points = sparse_points(&stage, &cameras, &photos, config.sparse_points, config.seed);
     for (view, mask) in views.iter_mut().zip(masks) {
         view.coarse_mask = mask;
     }
-    DemoScene { views, points, mesh: mesh(config.mesh_cell) }
+    DemoScene {
+        views,
+        points,
+        mesh: mesh(config.mesh_cell),
+    }
 }
 
 impl DemoScene {
@@ -79,7 +87,11 @@ impl DemoScene {
     /// counts as 0.
     #[must_use]
     pub fn mean_coarse_iou(&self) -> f64 {
-        let sum: f64 = self.views.iter().map(|view| iou(view.coarse_mask.as_ref(), &view.alpha)).sum();
+        let sum: f64 = self
+            .views
+            .iter()
+            .map(|view| iou(view.coarse_mask.as_ref(), &view.alpha))
+            .sum();
         sum / self.views.len().max(1) as f64
     }
 }

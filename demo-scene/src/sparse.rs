@@ -5,8 +5,9 @@ use image::RgbImage;
 
 use crate::camera::Camera;
 use crate::noise::Rng;
-use crate::stage::{Hit, Seen, Stage, TABLE_CENTRE, TARGET, Thing};
+use crate::prop::Thing;
 use crate::room::Furniture;
+use crate::stage::{Hit, Seen, Stage, TABLE_CENTRE, TARGET};
 
 /// Where a point appears in one view.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,14 +84,25 @@ pub(crate) fn sparse_points(
         let observations: Vec<Observation> = cameras
             .iter()
             .enumerate()
-            .filter_map(|(view, camera)| observe(stage, camera, p, hit.normal).map(|pixel| Observation { view, pixel }))
+            .filter_map(|(view, camera)| {
+                observe(stage, camera, p, hit.normal).map(|pixel| Observation { view, pixel })
+            })
             .collect();
-        let Some(first) = observations.first().filter(|_| observations.len() >= SHORTEST_TRACK) else {
+        let Some(first) = observations
+            .first()
+            .filter(|_| observations.len() >= SHORTEST_TRACK)
+        else {
             continue;
         };
-        let color = photos[first.view].get_pixel(first.pixel.x as u32, first.pixel.y as u32).0;
+        let color = photos[first.view]
+            .get_pixel(first.pixel.x as u32, first.pixel.y as u32)
+            .0;
         room[class] -= 1;
-        points.push(SparsePoint { position: p + TABLE_CENTRE, color, observations });
+        points.push(SparsePoint {
+            position: p + TABLE_CENTRE,
+            color,
+            observations,
+        });
     }
     points
 }

@@ -42,10 +42,13 @@ pub fn target_sdf(p: DVec3) -> f64 {
 pub fn target_bounds() -> (DVec3, DVec3) {
     let corner = |i: u32| {
         let side = |bit: u32| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
-        let local = watering_can::CENTRE + watering_can::HALF * DVec3::new(side(0), side(1), side(2));
+        let local =
+            watering_can::CENTRE + watering_can::HALF * DVec3::new(side(0), side(1), side(2));
         stage().target().place(local) + TABLE_CENTRE
     };
-    (1..8).fold((corner(0), corner(0)), |(low, high), i| (low.min(corner(i)), high.max(corner(i))))
+    (1..8).fold((corner(0), corner(0)), |(low, high), i| {
+        (low.min(corner(i)), high.max(corner(i)))
+    })
 }
 
 /// The target's surface, from cells of edge `cell` metres; the vertices are then moved onto the
@@ -55,10 +58,18 @@ pub(crate) fn mesh(cell: f64) -> Mesh {
     let counts = ((2.0 * watering_can::HALF / cell).ceil() + 5.0).as_uvec3();
     let shape = RuntimeShape::<u32, 3>::new(counts.to_array());
     let at = |i: u32| low + DVec3::from(shape.delinearize(i).map(f64::from)) * cell;
-    let distances: Vec<f32> =
-        (0..shape.size()).into_par_iter().map(|i| (watering_can::sdf(at(i)) / cell) as f32).collect();
+    let distances: Vec<f32> = (0..shape.size())
+        .into_par_iter()
+        .map(|i| (watering_can::sdf(at(i)) / cell) as f32)
+        .collect();
     let mut buffer = SurfaceNetsBuffer::default();
-    surface_nets(&distances, &shape, [0; 3], (counts - 1).to_array(), &mut buffer);
+    surface_nets(
+        &distances,
+        &shape,
+        [0; 3],
+        (counts - 1).to_array(),
+        &mut buffer,
+    );
     let target = stage().target();
     let vertices = buffer
         .positions
@@ -72,7 +83,11 @@ pub(crate) fn mesh(cell: f64) -> Mesh {
             p + TABLE_CENTRE
         })
         .collect();
-    let faces = buffer.indices.chunks_exact(3).map(|f| [f[0], f[1], f[2]]).collect();
+    let faces = buffer
+        .indices
+        .chunks_exact(3)
+        .map(|f| [f[0], f[1], f[2]])
+        .collect();
     Mesh { vertices, faces }
 }
 
@@ -83,8 +98,16 @@ mod tests {
     #[test]
     fn the_mesh_lies_on_the_surface_and_faces_outwards() {
         let mesh = mesh(0.003);
-        let off = mesh.vertices.iter().filter(|v| target_sdf(**v).abs() > 1e-4).count();
-        assert!(off * 50 < mesh.vertices.len(), "{off} of {}", mesh.vertices.len());
+        let off = mesh
+            .vertices
+            .iter()
+            .filter(|v| target_sdf(**v).abs() > 1e-4)
+            .count();
+        assert!(
+            off * 50 < mesh.vertices.len(),
+            "{off} of {}",
+            mesh.vertices.len()
+        );
         let volume: f64 = mesh
             .faces
             .iter()

@@ -45,7 +45,11 @@ impl Parts {
         let inside = frustum(q - DVec2::new(0.0, 0.085), 0.075, 0.0685, 0.0505);
         let [a, b, c, d] = SPOUT;
         let spout = smooth_min(
-            smooth_min(capsule(p, a.0, b.0, a.1, b.1), capsule(p, b.0, c.0, b.1, c.1), 0.008),
+            smooth_min(
+                capsule(p, a.0, b.0, a.1, b.1),
+                capsule(p, b.0, c.0, b.1, c.1),
+                0.008,
+            ),
             capsule(p, c.0, d.0, c.1, d.1),
             0.004,
         );
@@ -75,8 +79,20 @@ impl Parts {
             0.0058,
         );
         let rim = ring(q - DVec2::new(0.0, BODY_HEIGHT), 0.0575, 0.0048);
-        let lid = ((p.z - BODY_HEIGHT + 0.003).abs() - 0.003).max(q.x - 0.056).max(0.006 - p.x);
-        Self { shell, inside, spout, rose, brace, back_handle, top_handle, rim, lid }
+        let lid = ((p.z - BODY_HEIGHT + 0.003).abs() - 0.003)
+            .max(q.x - 0.056)
+            .max(0.006 - p.x);
+        Self {
+            shell,
+            inside,
+            spout,
+            rose,
+            brace,
+            back_handle,
+            top_handle,
+            rim,
+            lid,
+        }
     }
 
     fn union(&self) -> f64 {
@@ -95,6 +111,22 @@ pub(crate) fn sdf(p: DVec3) -> f64 {
     Parts::at(p).union()
 }
 
+/// The can as if it were solid: what shadows of other things are computed with, since the
+/// penumbra rule needs the depth of a solid, not the thickness of a wall.
+pub(crate) fn filled_sdf(p: DVec3) -> f64 {
+    let parts = Parts::at(p);
+    let solid = smooth_min(
+        smooth_min(parts.shell, parts.spout, 0.012),
+        parts.back_handle,
+        0.008,
+    );
+    solid
+        .min(parts.brace)
+        .min(parts.rose)
+        .min(parts.rim)
+        .min(parts.top_handle)
+}
+
 /// Paint at a surface point of the can's own frame.
 pub(crate) fn material(p: DVec3) -> Material {
     let parts = Parts::at(p);
@@ -111,7 +143,10 @@ pub(crate) fn material(p: DVec3) -> Material {
         parts.lid,
         parts.shell.max(-parts.inside) - 0.0005,
     ];
-    let part = (0..nearest.len()).fold(0, |best, i| if nearest[i] < nearest[best] { i } else { best });
+    let part = (0..nearest.len()).fold(
+        0,
+        |best, i| if nearest[i] < nearest[best] { i } else { best },
+    );
     let colour = match part {
         0 => {
             // Cream rings along the spout, each with its own width.
@@ -126,7 +161,11 @@ pub(crate) fn material(p: DVec3) -> Material {
         }
         2 => copper,
         3 | 4 => rattan(p),
-        5 => mix(cream, rgb(0xa8432c), smoothstep(-0.2, 0.5, fbm3(p / 0.009, 3, 74))),
+        5 => mix(
+            cream,
+            rgb(0xa8432c),
+            smoothstep(-0.2, 0.5, fbm3(p / 0.009, 3, 74)),
+        ),
         6 => {
             let d = (p - DVec3::new(0.028, 0.004, p.z)).length();
             mix(teal, rgb(0xe7b23b), ink((d - 0.013).abs() - 0.004))
@@ -169,11 +208,18 @@ fn painted_body(p: DVec3, teal: DVec3, cream: DVec3) -> DVec3 {
     let belt = (z - 0.076).abs() - 0.034;
     let mut colour = mix(teal, cream, ink(belt));
     let rust = mottle(rgb(0xb5472b), p, 0.005, 0.3, 77);
-    colour = mix(colour, rust, ink((belt + 0.0045).abs() - 0.0014).max(ink((belt - 0.005).abs() - 0.0012)));
+    colour = mix(
+        colour,
+        rust,
+        ink((belt + 0.0045).abs() - 0.0014).max(ink((belt - 0.005).abs() - 0.0012)),
+    );
     // Dots above and below the belt.
     let dot_turn = (turn + 0.5) * 30.0;
-    let dot = DVec2::new((dot_turn - dot_turn.floor() - 0.5) * 0.0145, (z - 0.076).abs() - 0.047);
-    if hash3(dot_turn.floor() as i32, i32::from(z > 0.076), 4, 78) % 4 != 0 {
+    let dot = DVec2::new(
+        (dot_turn - dot_turn.floor() - 0.5) * 0.0145,
+        (z - 0.076).abs() - 0.047,
+    );
+    if !hash3(dot_turn.floor() as i32, i32::from(z > 0.076), 4, 78).is_multiple_of(4) {
         colour = mix(colour, rgb(0xe9b949), ink(dot.length() - 0.0030));
     }
     // One flower per sector, its place, size and colour drawn from a hash.
@@ -193,8 +239,13 @@ fn painted_body(p: DVec3, teal: DVec3, cream: DVec3) -> DVec3 {
     let green = leaf(DVec2::new(-0.008, -0.015), DVec2::new(0.8, -0.6))
         .min(leaf(DVec2::new(0.0085, -0.017), DVec2::new(0.7, 0.71)))
         .min(stem);
-    colour = mix(colour, mottle(rgb(0x3f6b2c), p, 0.004, 0.4, 80), ink(green * size) * ink(belt + 0.006));
-    let petal_colour = [0xc8352b, 0x3a4fa0, 0xd9772a, 0x8d3a80, 0xcf9a1e][(h(5) * 5.0) as usize % 5];
+    colour = mix(
+        colour,
+        mottle(rgb(0x3f6b2c), p, 0.004, 0.4, 80),
+        ink(green * size) * ink(belt + 0.006),
+    );
+    let petal_colour =
+        [0xc8352b, 0x3a4fa0, 0xd9772a, 0x8d3a80, 0xcf9a1e][(h(5) * 5.0) as usize % 5];
     const PETALS: [DVec2; 5] = [
         DVec2::new(0.0, 1.0),
         DVec2::new(0.951, 0.309),
@@ -206,7 +257,11 @@ fn painted_body(p: DVec3, teal: DVec3, cream: DVec3) -> DVec3 {
         .iter()
         .map(|at| (q - *at * 0.0075).length() - 0.0052)
         .fold(f64::MAX, f64::min);
-    colour = mix(colour, mottle(rgb(petal_colour), p, 0.004, 0.35, 81), ink(petals * size));
+    colour = mix(
+        colour,
+        mottle(rgb(petal_colour), p, 0.004, 0.35, 81),
+        ink(petals * size),
+    );
     mix(colour, rgb(0xf2d36a), ink((q.length() - 0.0035) * size))
 }
 

@@ -35,7 +35,12 @@ impl DemoScene {
             Ok(true) => return Err(DemoError::Occupied(dir.to_owned())),
             Ok(false) => fs::remove_dir(dir).map_err(failed(dir))?,
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            Err(source) => return Err(DemoError::Write { path: dir.to_owned(), source }),
+            Err(source) => {
+                return Err(DemoError::Write {
+                    path: dir.to_owned(),
+                    source,
+                });
+            }
         }
         let partial = sibling(dir);
         fs::create_dir_all(&partial).map_err(failed(&partial))?;
@@ -55,8 +60,12 @@ impl DemoScene {
             ("images", |view| Some(view.photo.clone().into())),
             ("alpha_gt", |view| Some(view.alpha.clone().into())),
             ("background_gt", |view| Some(view.background.clone().into())),
-            ("background_shadow_gt", |view| Some(view.background_shadow.clone().into())),
-            ("coarse_masks", |view| view.coarse_mask.clone().map(Into::into)),
+            ("background_shadow_gt", |view| {
+                Some(view.background_shadow.clone().into())
+            }),
+            ("coarse_masks", |view| {
+                view.coarse_mask.clone().map(Into::into)
+            }),
         ];
         for (name, layer) in layers {
             let folder = dir.join(name);

@@ -61,7 +61,9 @@ pub enum GridConfigError {
     #[error("hash grid entries have 2 features, not {0}")]
     Features(usize),
     /// Resolutions must grow, start at one cell, and stay exact in single precision.
-    #[error("hash grid resolutions must satisfy 1 <= base <= finest <= 2^20, not {base} and {finest}")]
+    #[error(
+        "hash grid resolutions must satisfy 1 <= base <= finest <= 2^20, not {base} and {finest}"
+    )]
     Resolution {
         /// The coarsest level's cells per axis.
         base: u32,

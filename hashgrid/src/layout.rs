@@ -65,17 +65,27 @@ impl GridLayout {
                 } else {
                     (nodes as usize).next_multiple_of(BLOCK_ENTRIES)
                 };
-                let layout = LevelLayout { resolution, offset, entries, hashed };
+                let layout = LevelLayout {
+                    resolution,
+                    offset,
+                    entries,
+                    hashed,
+                };
                 offset += entries;
                 layout
             })
             .collect();
-        Ok(Self { levels, interpolation: config.interpolation })
+        Ok(Self {
+            levels,
+            interpolation: config.interpolation,
+        })
     }
 
     /// Number of entries of the whole table.
     pub fn entries(&self) -> usize {
-        self.levels.last().map_or(0, |level| level.offset + level.entries)
+        self.levels
+            .last()
+            .map_or(0, |level| level.offset + level.entries)
     }
 
     /// Number of features of an encoded point, `2 L`.
@@ -86,7 +96,10 @@ impl GridLayout {
 
 /// `floor(base · b^level)` with `b^(L−1) = finest / base`.
 fn resolution(config: &GridConfig, level: usize) -> u32 {
-    let (base, finest) = (f64::from(config.base_resolution), f64::from(config.finest_resolution));
+    let (base, finest) = (
+        f64::from(config.base_resolution),
+        f64::from(config.finest_resolution),
+    );
     if level == 0 {
         return config.base_resolution;
     }
@@ -96,6 +109,7 @@ fn resolution(config: &GridConfig, level: usize) -> u32 {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -127,10 +141,16 @@ mod tests {
         };
         assert_eq!(bad(|c| c.levels = 0), GridConfigError::NoLevels);
         assert_eq!(bad(|c| c.features = 4), GridConfigError::Features(4));
-        assert_eq!(bad(|c| c.log2_table_size = 40), GridConfigError::TableSize(40));
+        assert_eq!(
+            bad(|c| c.log2_table_size = 40),
+            GridConfigError::TableSize(40)
+        );
         assert_eq!(
             bad(|c| c.finest_resolution = 8),
-            GridConfigError::Resolution { base: 16, finest: 8 }
+            GridConfigError::Resolution {
+                base: 16,
+                finest: 8
+            }
         );
     }
 }

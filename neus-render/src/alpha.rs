@@ -45,6 +45,17 @@ impl NeusParameters {
         soft * (1.0 - self.cos_anneal) + hard * self.cos_anneal
     }
 
+    /// [`neus_log_survival`] with the constant's logarithm taken once for many samples.
+    #[inline]
+    pub(crate) fn log_survival(&self, sdf: f32, slope: f32, dt: f32, log_epsilon: f32) -> f32 {
+        let half = 0.5 * dt * self.annealed_slope(slope);
+        let s = self.sharpness;
+        let before = softplus(-s * (sdf - half));
+        let after = softplus(-s * (sdf + half));
+        let floor = softplus(before + log_epsilon);
+        (before - after - floor).min(0.0)
+    }
+
     /// Logarithm of the small constant; -inf (no effect) for zero.
     #[inline]
     pub(crate) fn log_epsilon(&self) -> f32 {
@@ -63,12 +74,7 @@ impl NeusParameters {
 /// which has no division and neither overflows nor cancels at either end.
 #[inline]
 pub fn neus_log_survival(sdf: f32, slope: f32, dt: f32, parameters: &NeusParameters) -> f32 {
-    let half = 0.5 * dt * parameters.annealed_slope(slope);
-    let s = parameters.sharpness;
-    let before = softplus(-s * (sdf - half));
-    let after = softplus(-s * (sdf + half));
-    let floor = softplus(before + parameters.log_epsilon());
-    (before - after - floor).min(0.0)
+    parameters.log_survival(sdf, slope, dt, parameters.log_epsilon())
 }
 
 /// The opacity of an interval by NeuS (Wang et al. 2021, eq. 13), in [0, 1].

@@ -417,7 +417,13 @@ impl Chunk {
         let inverse = ray.direction.recip();
         let first = begin + offset * step;
         // Interval k lies between lines k - 1 and k; line -1 is where the box begins.
-        let line = |k: i64| if k < 0 { begin } else { (first + k as f32 * step).min(end) };
+        let line = |k: i64| {
+            if k < 0 {
+                begin
+            } else {
+                (first + k as f32 * step).min(end)
+            }
+        };
         let steps_per_length = 1.0 / step;
         let mut k = 0;
         loop {
@@ -433,8 +439,12 @@ impl Chunk {
             let middle = 0.5 * (from + to);
             // Rounding must not push points of the border out of the grids.
             let p = ray.at(middle).clamp(Vec3::NEG_ONE, Vec3::ONE);
-            let object = grids.object.map_or(f32::INFINITY, |g| g.empty_length(p, inverse));
-            let background = grids.background.map_or(f32::INFINITY, |g| g.empty_length(p, inverse));
+            let object = grids
+                .object
+                .map_or(f32::INFINITY, |g| g.empty_length(p, inverse));
+            let background = grids
+                .background
+                .map_or(f32::INFINITY, |g| g.empty_length(p, inverse));
             let empty = object.min(background);
             if empty > 0.0 {
                 // To the first interval whose midpoint lies beyond the empty stretch; one less, as

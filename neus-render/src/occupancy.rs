@@ -316,6 +316,9 @@ impl OccupancyGrid {
         // (on the border, 0 * inf) undefined length, and `min` passes over the latter.
         let a = (low - p) * inverse;
         let b = (high - p) * inverse;
-        a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z)).max(f32::MIN_POSITIVE)
+        a.x.max(b.x)
+            .min(a.y.max(b.y))
+            .min(a.z.max(b.z))
+            .max(f32::MIN_POSITIVE)
     }
 }

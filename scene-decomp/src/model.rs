@@ -24,6 +24,8 @@ pub struct SceneConfig {
     pub object_features: usize,
     /// Width of BaCo's geometry feature.
     pub background_features: usize,
+    /// BaCo's shape before training.
+    pub background_initial: InitialShape,
     /// `s` in `b = exp(10 s)`, the sharpness of the logistic density, before training.
     pub sharpness_start: f32,
 }
@@ -44,7 +46,7 @@ impl SceneConfig {
         }
     }
 
-    /// BaCo: a hollow in contracted space, wide enough that cameras start in free space.
+    /// BaCo, over contracted space, with m^P as a further input of its colour.
     #[must_use]
     pub fn background(&self) -> SurfaceConfig {
         SurfaceConfig {
@@ -55,7 +57,7 @@ impl SceneConfig {
             outputs: 3,
             half_side: BACKGROUND_HALF_SIDE,
             beta: 100.0,
-            initial: InitialShape::Hollow(1.8),
+            initial: self.background_initial,
         }
     }
 }

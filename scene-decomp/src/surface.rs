@@ -19,6 +19,8 @@ pub enum InitialShape {
     Ball(f32),
     /// A hollow of this radius: positive inside, as a room is.
     Hollow(f32),
+    /// The same value everywhere: for a field that is read as a density.
+    Flat(f32),
 }
 
 /// The sizes of a surface.
@@ -100,12 +102,13 @@ impl Surface {
         let (sign, radius) = match config.initial {
             InitialShape::Ball(radius) => (1.0, radius),
             InitialShape::Hollow(radius) => (-1.0, radius),
+            InitialShape::Flat(value) => (0.0, value),
         };
         let mean = (std::f32::consts::PI / hidden as f32).sqrt();
         let mut w2 = random.normals(hidden, sign * mean, 1e-4);
         w2.extend(random.normals(hidden * config.features, 0.0, (2.0 / hidden as f32).sqrt()));
         let mut b2 = vec![0.0; 1 + config.features];
-        b2[0] = -sign * radius;
+        b2[0] = if sign == 0.0 { radius } else { -sign * radius };
         let colour_inputs = 9 + 1 + config.features + config.extra;
         Self {
             grid: HashGrid::new(&config.grid, seed, device),

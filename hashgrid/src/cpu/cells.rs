@@ -1,6 +1,6 @@
 //! Which cell a point lies in, the table indices of its corners, and its weights: 16 points at once.
 
-use crate::layout::LevelLayout;
+use crate::layout::{FEATURES, LevelLayout};
 
 /// Points handled together, one to a lane.
 pub(crate) const LANES: usize = 16;
@@ -20,6 +20,15 @@ pub(crate) struct Cells {
     pub(crate) weight: [Lane; 3],
     /// Derivative of that weight with respect to the position in `[0, 1]`.
     pub(crate) slope: [Lane; 3],
+}
+
+impl Cells {
+    /// Storage to be overwritten.
+    pub(crate) const EMPTY: Self = Self {
+        index: [[0; LANES]; 8],
+        weight: [[0.0; LANES]; 3],
+        slope: [[0.0; LANES]; 3],
+    };
 }
 
 /// A point's cell along one axis: its lower node, the upper node's weight, and that weight's slope.
@@ -95,6 +104,24 @@ pub(crate) fn locate<const HASHED: bool, const SMOOTH: bool>(
     }
 }
 
+/// Asks for the cache lines of a block's corners.
+#[inline(always)]
+pub(crate) fn prefetch(table: &[f32], cells: &Cells) {
+    #[cfg(target_arch = "x86_64")]
+    for c in 0..8 {
+        for i in 0..LANES {
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            let at = table
+                .as_ptr()
+                .wrapping_add(FEATURES * cells.index[c][i] as usize);
+            // SAFETY: a prefetch is a hint; it faults for no address.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) };
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (table, cells);
+}
+
 /// Panics unless every index that [`locate`] can return for `level` lies within `values`.
 ///
 /// This is what the unchecked accesses of the kernels rest on, as a level's fields are public.
@@ -111,7 +138,7 @@ pub(crate) fn check_level(level: &LevelLayout, values: usize) {
     );
     assert_eq!(
         values,
-        level.entries * crate::FEATURES,
+        level.entries * FEATURES,
         "hashgrid: number of values for a level of {} entries",
         level.entries
     );

@@ -2,7 +2,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::cells::{Cells, LANES, Lane, check_level, locate};
+use super::cells::{Cells, LANES, Lane, check_level, locate, prefetch};
 use crate::config::Interpolation;
 use crate::layout::{BLOCK_ENTRIES, FEATURES, GridLayout, LevelLayout};
 
@@ -58,7 +58,15 @@ pub fn scatter_level_marked(
         None => Slopes::None,
         Some((scale, normal)) => Slopes::Product { scale, normal },
     };
-    scatter(layout, level, [x, y, z], d_value, slopes, grad, Some(touched));
+    scatter(
+        layout,
+        level,
+        [x, y, z],
+        d_value,
+        slopes,
+        grad,
+        Some(touched),
+    );
 }
 
 /// The loss's derivative by a level's Jacobian.
@@ -67,7 +75,10 @@ pub(crate) enum Slopes<'a> {
     /// None.
     None,
     /// `dL/dJ[f, axis] = scale[f] · normal[axis]`, each `[n]`.
-    Product { scale: [&'a [f32]; 2], normal: [&'a [f32]; 3] },
+    Product {
+        scale: [&'a [f32]; 2],
+        normal: [&'a [f32]; 3],
+    },
     /// `dL/dJ[f, axis]`, each `[n]`.
     Full([[&'a [f32]; 3]; 2]),
 }
@@ -101,21 +112,33 @@ pub(crate) fn scatter(
         Slopes::Full(rows) => rows.iter().for_each(|rows| same("d_jacobian", rows)),
     }
     if let Some(touched) = &touched {
-        assert_eq!(touched.len(), level.entries / BLOCK_ENTRIES, "scatter_level: length of touched");
+        assert_eq!(
+            touched.len(),
+            level.entries / BLOCK_ENTRIES,
+            "scatter_level: length of touched"
+        );
     }
     let smooth = layout.interpolation == Interpolation::Smoothstep;
-    Arch::new().dispatch(Scatter { level, smooth, position, d_value, slopes, grad, touched });
+    Arch::new().dispatch(Scatter {
+        level,
+        smooth,
+        position,
+        d_value,
+        slopes,
+        grad,
+        touched,
+    });
 }
 
 /// [`scatter`]'s arguments, as pulp wants a function with generic body to be written.
-struct Scatter<'a> {
-    level: &'a LevelLayout,
-    smooth: bool,
-    position: [&'a [f32]; 3],
-    d_value: [&'a [f32]; 2],
-    slopes: Slopes<'a>,
-    grad: &'a mut [f32],
-    touched: Option<&'a mut [u8]>,
+pub(super) struct Scatter<'a> {
+    pub(super) level: &'a LevelLayout,
+    pub(super) smooth: bool,
+    pub(super) position: [&'a [f32]; 3],
+    pub(super) d_value: [&'a [f32]; 2],
+    pub(super) slopes: Slopes<'a>,
+    pub(super) grad: &'a mut [f32],
+    pub(super) touched: Option<&'a mut [u8]>,
 }
 
 impl WithSimd for Scatter<'_> {
@@ -136,46 +159,66 @@ impl Scatter<'_> {
     #[inline(always)]
     fn run<const HASHED: bool, const SMOOTH: bool>(mut self) {
         let n = self.position[0].len();
+        let locate = |start: usize| {
+            let count = LANES.min(n - start);
+            let [x, y, z] = self.position.map(|axis| take(axis, start, count));
+            locate::<HASHED, SMOOTH>(self.level, &x, &y, &z)
+        };
+        // As on the way forward: one block's cache lines travel while the other's are written.
+        let mut ring = [Cells::EMPTY, Cells::EMPTY];
+        if n > 0 {
+            ring[0] = locate(0);
+        }
         let mut start = 0;
         while start < n {
             let count = LANES.min(n - start);
-            let [x, y, z] = self.position.map(|axis| take(axis, start, count));
-            let cells = locate::<HASHED, SMOOTH>(self.level, &x, &y, &z);
+            let which = start / LANES & 1;
+            if start + LANES < n {
+                ring[1 - which] = locate(start + LANES);
+                prefetch(self.grad, &ring[1 - which]);
+            }
+            let cells = &ring[which];
             let d_value = self.d_value.map(|row| take(row, start, count));
             let rows = match self.slopes {
-                Slopes::None => corner_gradients(&cells, &d_value),
+                Slopes::None => corner_gradients(cells, &d_value),
                 Slopes::Product { scale, normal } => {
                     let scale = scale.map(|row| take(row, start, count));
                     let normal = normal.map(|row| take(row, start, count));
-                    product_gradients(&cells, &d_value, &scale, &normal)
+                    product_gradients(cells, &d_value, &scale, &normal)
                 }
                 Slopes::Full(rows) => {
                     let slopes = rows.map(|rows| rows.map(|row| take(row, start, count)));
-                    full_gradients(&cells, &d_value, &slopes)
+                    full_gradients(cells, &d_value, &slopes)
                 }
             };
-            self.add(&cells, &rows, count);
+            add(self.grad, self.touched.as_deref_mut(), cells, &rows, count);
             start += LANES;
         }
     }
+}
 
-    /// Adds `rows` (`[feature][corner][point]`) of the first `count` points to their entries.
-    #[inline(always)]
-    fn add(&mut self, cells: &Cells, rows: &[[Lane; 8]; FEATURES], count: usize) {
-        for i in 0..count {
-            for c in 0..8 {
-                let entry = cells.index[c][i] as usize;
-                // SAFETY: `check_level` has proved that every index is an entry of this level, and
-                // an entry is two values.
-                unsafe {
-                    let at = self.grad.as_mut_ptr().add(FEATURES * entry);
-                    *at += rows[0][c][i];
-                    *at.add(1) += rows[1][c][i];
-                }
-                if let Some(touched) = &mut self.touched {
-                    // SAFETY: there is one flag for each block of the level's entries.
-                    unsafe { *touched.get_unchecked_mut(entry / BLOCK_ENTRIES) = 1 };
-                }
+/// Adds `rows` (`[feature][corner][point]`) of the first `count` points to their entries.
+#[inline(always)]
+fn add(
+    grad: &mut [f32],
+    mut touched: Option<&mut [u8]>,
+    cells: &Cells,
+    rows: &[[Lane; 8]; FEATURES],
+    count: usize,
+) {
+    for i in 0..count {
+        for c in 0..8 {
+            let entry = cells.index[c][i] as usize;
+            // SAFETY: `check_level` has proved that every index is an entry of this level, and
+            // an entry is two values.
+            unsafe {
+                let at = grad.as_mut_ptr().add(FEATURES * entry);
+                *at += rows[0][c][i];
+                *at.add(1) += rows[1][c][i];
+            }
+            if let Some(touched) = &mut touched {
+                // SAFETY: there is one flag for each block of the level's entries.
+                unsafe { *touched.get_unchecked_mut(entry / BLOCK_ENTRIES) = 1 };
             }
         }
     }
@@ -257,7 +300,11 @@ fn product_gradients(
 
 /// `w_c · d[f] + slopes[f] · ∇w_c`.
 #[inline(always)]
-fn full_gradients(cells: &Cells, d_value: &[Lane; 2], slopes: &[[Lane; 3]; 2]) -> [[Lane; 8]; FEATURES] {
+fn full_gradients(
+    cells: &Cells,
+    d_value: &[Lane; 2],
+    slopes: &[[Lane; 3]; 2],
+) -> [[Lane; 8]; FEATURES] {
     let [x, y, z] = both_weights(cells);
     let mut out = [[[0.0; LANES]; 8]; FEATURES];
     for f in 0..FEATURES {

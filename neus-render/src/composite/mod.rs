@@ -20,6 +20,9 @@
 //! background's those of [m_b, 5] ([`background_column`]), sharpnesses [2] (F, B), the result
 //! [rays, 16] ([`column`]). Everything is tracked but the [`Packing`].
 
+// Upstream marks burn-ndarray deprecated in favour of Flex; this workspace supports both.
+#![allow(deprecated)]
+
 mod adapters;
 mod autodiff;
 mod cpu;
@@ -110,8 +113,10 @@ pub struct CompositeConfig {
     /// NeuS's annealing in [0, 1]: at 0 surfaces seen from any side count, at 1 (the end of it)
     /// only those that face the camera.
     pub cos_anneal: f32,
-    /// NeuS's small constant: `a = (Phi(prev) - Phi(next) + e) / (Phi(prev) + e)`. It makes the
-    /// deep inside opaque. 0 gives the paper's formula, stable as well.
+    /// The small constant of NeuS's code: `a = (Phi(prev) - Phi(next) + e) / (Phi(prev) + e)`. At
+    /// 0, the default, this is the paper's formula, which needs no such help in the form used
+    /// here. NeuS's 1e-5 makes the deep inside opaque, but also every interval of empty space by
+    /// 1e-5: haze of 1 % where a ray has a thousand.
     pub epsilon: f32,
 }
 
@@ -121,7 +126,7 @@ impl Default for CompositeConfig {
             object: Transparency::Sdf,
             background: Transparency::Sdf,
             cos_anneal: 1.0,
-            epsilon: 1e-5,
+            epsilon: 0.0,
         }
     }
 }
@@ -168,7 +173,7 @@ pub trait CompositeOps: Backend {
 ///     Arc::new(packing),
 ///     CompositeConfig::default(),
 /// );
-/// let pixel = pixels.into_data().to_vec::<f32>().expect("f32");
+/// let pixel = pixels.into_data().try_to_vec::<f32>().expect("f32");
 /// assert!(pixel[column::MATTE] > 0.99 && pixel[column::JOINT_COLOUR] > 0.99);
 /// ```
 ///

@@ -1,0 +1,66 @@
+//! What `DemoScene::write` leaves behind.
+#![allow(clippy::unwrap_used)]
+
+use demo_scene::{DemoConfig, DemoError, generate};
+
+#[test]
+fn a_written_scene_is_complete_and_never_overwritten() {
+    let scene = generate(&DemoConfig {
+        samples_per_pixel: 1,
+        ..DemoConfig::tiny()
+    });
+    let root = tempfile::tempdir().unwrap();
+    let dir = root.path().join("scene");
+    std::fs::create_dir(&dir).unwrap();
+    scene.write(&dir).unwrap();
+    let count = |folder: &str| std::fs::read_dir(dir.join(folder)).unwrap().count();
+    for folder in [
+        "images",
+        "alpha_gt",
+        "background_gt",
+        "background_shadow_gt",
+    ] {
+        assert_eq!(count(folder), 12);
+    }
+    assert_eq!(count("coarse_masks"), 10);
+    assert_eq!(
+        std::fs::read_dir(root.path()).unwrap().count(),
+        1,
+        "something was left behind"
+    );
+    let photo = image::open(dir.join("images/003.png")).unwrap().to_rgb8();
+    assert!(photo == scene.views[3].photo);
+
+    // Every track entry points back at the observation that names the point.
+    let read = |name: &str| std::fs::read_to_string(dir.join("sparse/0").join(name)).unwrap();
+    let images = read("images.txt");
+    let lines: Vec<&str> = images
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .collect();
+    assert_eq!(lines.len(), 24);
+    for line in read("points3D.txt")
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+    {
+        let words: Vec<&str> = line.split(' ').collect();
+        for track in words[8..].chunks(2) {
+            let (image, index): (usize, usize) =
+                (track[0].parse().unwrap(), track[1].parse().unwrap());
+            let seen: Vec<&str> = lines[2 * image - 1].split(' ').collect();
+            assert_eq!(seen[3 * index + 2], words[0]);
+        }
+    }
+    let ply = std::fs::read(dir.join("mesh_gt.ply")).unwrap();
+    let header = ply
+        .windows(11)
+        .position(|bytes| bytes == b"end_header\n")
+        .unwrap()
+        + 11;
+    assert_eq!(
+        ply.len() - header,
+        12 * scene.mesh.vertices.len() + 13 * scene.mesh.faces.len()
+    );
+
+    assert!(matches!(scene.write(&dir), Err(DemoError::Occupied(_))));
+}

@@ -1,0 +1,319 @@
+//! Adam for a table of which a step touches a part.
+
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::grid::HashGrid;
+use crate::layout::{BLOCK_ENTRIES, FEATURES, GridLayout};
+use crate::sparse_grad::{BLOCK_VALUES, Buffer, SparseGrad};
+
+/// A block's first moments, then its second ones: two cache lines next to each other.
+const STATE: usize = 2 * BLOCK_VALUES;
+
+/// Blocks handled by one task at a time.
+const TASK_BLOCKS: usize = 4096;
+
+/// Adam's constants.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LazyAdamConfig {
+    /// Decay of the first moment.
+    pub beta1: f64,
+    /// Decay of the second moment.
+    pub beta2: f64,
+    /// Added to the second moment's root. Gradients of a table are tiny: this must be, too.
+    pub epsilon: f64,
+}
+
+impl Default for LazyAdamConfig {
+    fn default() -> Self {
+        Self {
+            beta1: 0.9,
+            beta2: 0.99,
+            epsilon: 1e-15,
+        }
+    }
+}
+
+/// Adam (Kingma and Ba 2015) that only visits what a [`SparseGrad`] has touched.
+///
+/// - A value whose gradient is zero is left alone (as Müller et al. 2022, appendix A, do).
+/// - Moments are those of an Adam that was given the zeros: a block remembers the step of its last
+///   visit, and the decay of the steps it was not visited in is made up for when it is.
+/// - Bias is corrected by the number of steps, not by the number of visits.
+///
+/// ```
+/// use hashgrid::{GridConfig, GridLayout, LazyAdam, SparseGrad};
+///
+/// let layout = GridLayout::new(&GridConfig { levels: 2, ..Default::default() });
+/// let (gradient, mut adam) = (SparseGrad::new(&layout), LazyAdam::new(&layout));
+/// let mut table = vec![0.0; 2 * layout.entries()];
+/// gradient.accumulate_levels(&layout, 1, |_, grad| grad[3] = 0.5);
+/// adam.step(&mut table, &gradient, 0.01);
+/// assert!((table[3] + 0.01).abs() < 1e-6); // A first step has the length of the rate.
+/// assert_eq!(gradient.touched_blocks(), 0);
+/// ```
+#[derive(Clone, Debug)]
+pub struct LazyAdam {
+    config: LazyAdamConfig,
+    steps: u32,
+    /// `[blocks, 2, 16]`.
+    moments: Vec<f32>,
+    /// The step of each block's last visit.
+    visited: Vec<u32>,
+}
+
+/// Why an optimiser's state can't be restored.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RestoreError {
+    /// The state belongs to a table of another size.
+    #[error("the optimiser's state has {found} values, but this table's has {expected}")]
+    Length {
+        /// Number of values given.
+        found: usize,
+        /// Number of values wanted.
+        expected: usize,
+    },
+    /// The last part of the state does not hold step numbers up to the current one.
+    #[error("the optimiser's state holds a step of {found}, but there were {steps}")]
+    Step {
+        /// What is there in place of a step number.
+        found: String,
+        /// The number of steps given.
+        steps: u32,
+    },
+}
+
+impl LazyAdam {
+    /// The default constants, before the first step.
+    #[must_use]
+    pub fn new(layout: &GridLayout) -> Self {
+        Self::with_config(layout, LazyAdamConfig::default())
+    }
+
+    /// Before the first step.
+    #[must_use]
+    pub fn with_config(layout: &GridLayout, config: LazyAdamConfig) -> Self {
+        let blocks = layout.entries() / BLOCK_ENTRIES;
+        Self {
+            config,
+            steps: 0,
+            moments: vec![0.0; blocks * STATE],
+            visited: vec![0; blocks],
+        }
+    }
+
+    /// Number of steps done.
+    #[must_use]
+    pub fn steps(&self) -> u32 {
+        self.steps
+    }
+
+    /// One step down the gradient, which is at rest afterwards.
+    ///
+    /// `table` is `[entries, 2]`. A step counts even when nothing was touched.
+    ///
+    /// # Panics
+    /// When the table or the gradient is of another size than the optimiser's.
+    pub fn step(&mut self, table: &mut [f32], gradient: &SparseGrad, learning_rate: f64) {
+        let values = self.visited.len() * BLOCK_VALUES;
+        assert_eq!(
+            table.len(),
+            values,
+            "LazyAdam::step: number of the table's values"
+        );
+        assert_eq!(
+            gradient.entries() * FEATURES,
+            values,
+            "LazyAdam::step: number of the gradient's values"
+        );
+        self.steps += 1;
+        let rule = Rule::new(&self.config, self.steps, learning_rate);
+        let mut buffer = gradient.lock();
+        let Buffer { values, touched } = &mut *buffer;
+        table
+            .par_chunks_mut(TASK_BLOCKS * BLOCK_VALUES)
+            .zip(values.par_chunks_mut(TASK_BLOCKS * BLOCK_VALUES))
+            .zip(self.moments.par_chunks_mut(TASK_BLOCKS * STATE))
+            .zip(self.visited.par_chunks_mut(TASK_BLOCKS))
+            .zip(touched.par_chunks_mut(TASK_BLOCKS))
+            .for_each(|((((table, gradient), moments), visited), touched)| {
+                let rule = &rule;
+                Arch::new().dispatch(Task {
+                    rule,
+                    table,
+                    gradient,
+                    moments,
+                    visited,
+                    touched,
+                });
+            });
+    }
+
+    /// [`LazyAdam::step`] on a grid's own table, in place when nobody else holds that tensor.
+    ///
+    /// # Panics
+    /// As [`LazyAdam::step`], and when the grid's device is not one of the CPU backends.
+    pub fn step_grid(&mut self, grid: &mut HashGrid, gradient: &SparseGrad, learning_rate: f64) {
+        grid.update_table(|table| self.step(table, gradient, learning_rate));
+    }
+
+    /// First and second moments as of now, each `[entries, 2]`, with all decay applied.
+    #[must_use]
+    pub fn moments(&self) -> [Vec<f32>; 2] {
+        let LazyAdamConfig { beta1, beta2, .. } = self.config;
+        [(beta1, 0), (beta2, BLOCK_VALUES)].map(|(beta, first)| {
+            let blocks = self.moments.chunks_exact(STATE).zip(&self.visited);
+            blocks
+                .flat_map(|(state, visited)| {
+                    let decay = power(beta, self.steps - visited);
+                    state[first..first + BLOCK_VALUES]
+                        .iter()
+                        .map(move |value| value * decay)
+                })
+                .collect()
+        })
+    }
+
+    /// Everything to be saved besides [`LazyAdam::steps`], for a continuation with the same bits:
+    /// all blocks' moments (16 first, 16 second ones), then the step of each block's last visit.
+    #[must_use]
+    pub fn state(&self) -> Vec<f32> {
+        // Whole numbers are exact in an f32 up to 2^24 steps.
+        self.moments
+            .iter()
+            .copied()
+            .chain(self.visited.iter().map(|step| *step as f32))
+            .collect()
+    }
+
+    /// Goes back to what [`LazyAdam::state`] and [`LazyAdam::steps`] returned.
+    ///
+    /// # Errors
+    /// When this is not the state of a table of this size after this many steps.
+    pub fn restore(&mut self, state: &[f32], steps: u32) -> Result<(), RestoreError> {
+        let expected = self.moments.len() + self.visited.len();
+        if state.len() != expected {
+            return Err(RestoreError::Length {
+                found: state.len(),
+                expected,
+            });
+        }
+        let (moments, visited) = state.split_at(self.moments.len());
+        let wrong = |step: &&f32| !(**step >= 0.0 && **step <= steps as f32 && step.fract() == 0.0);
+        if let Some(step) = visited.iter().find(wrong) {
+            return Err(RestoreError::Step {
+                found: step.to_string(),
+                steps,
+            });
+        }
+        self.moments.copy_from_slice(moments);
+        self.visited = visited.iter().map(|step| *step as u32).collect();
+        self.steps = steps;
+        Ok(())
+    }
+}
+
+/// `beta^steps`, rounded once.
+fn power(beta: f64, steps: u32) -> f32 {
+    beta.powi(steps.min(1 << 24) as i32) as f32
+}
+
+/// A step's numbers: the moments' decay by steps since a visit, and the update's factors.
+struct Rule {
+    step: u32,
+    betas: [f64; 2],
+    /// `beta^k` for small `k`.
+    decay: [[f32; Self::POWERS]; 2],
+    /// `1 − beta`.
+    gain: [f32; 2],
+    /// `rate / (1 − beta1^step)`.
+    rate: f32,
+    /// `1 / sqrt(1 − beta2^step)`.
+    root: f32,
+    epsilon: f32,
+}
+
+impl Rule {
+    /// Blocks that are visited at all are mostly visited again within this many steps.
+    const POWERS: usize = 64;
+
+    fn new(config: &LazyAdamConfig, step: u32, learning_rate: f64) -> Self {
+        let betas = [config.beta1, config.beta2];
+        let correction = betas.map(|beta| 1.0 - beta.powi(step.min(1 << 24) as i32));
+        Self {
+            step,
+            betas,
+            decay: betas.map(|beta| std::array::from_fn(|k| power(beta, k as u32))),
+            gain: betas.map(|beta| (1.0 - beta) as f32),
+            rate: (learning_rate / correction[0]) as f32,
+            root: (1.0 / correction[1].sqrt()) as f32,
+            epsilon: config.epsilon as f32,
+        }
+    }
+
+    /// The decay of both moments after `steps` steps.
+    #[inline(always)]
+    fn decay(&self, steps: u32) -> [f32; 2] {
+        let steps_index = steps as usize;
+        if steps_index < Self::POWERS {
+            [self.decay[0][steps_index], self.decay[1][steps_index]]
+        } else {
+            self.betas.map(|beta| power(beta, steps))
+        }
+    }
+
+    /// Updates one block.
+    #[inline(always)]
+    fn apply(
+        &self,
+        table: &mut [f32; BLOCK_VALUES],
+        gradient: &mut [f32; BLOCK_VALUES],
+        moments: &mut [f32; STATE],
+        steps: u32,
+    ) {
+        let [decay1, decay2] = self.decay(steps);
+        for i in 0..BLOCK_VALUES {
+            let g = gradient[i];
+            let m = moments[i] * decay1 + self.gain[0] * g;
+            let v = moments[BLOCK_VALUES + i] * decay2 + self.gain[1] * (g * g);
+            let change = self.rate * m / (v.sqrt() * self.root + self.epsilon);
+            moments[i] = m;
+            moments[BLOCK_VALUES + i] = v;
+            table[i] -= if g == 0.0 { 0.0 } else { change };
+        }
+        gradient.fill(0.0);
+    }
+}
+
+/// Neighbouring blocks, as pulp wants a function with generic body to be written.
+struct Task<'a> {
+    rule: &'a Rule,
+    table: &'a mut [f32],
+    gradient: &'a mut [f32],
+    moments: &'a mut [f32],
+    visited: &'a mut [u32],
+    touched: &'a mut [u8],
+}
+
+impl WithSimd for Task<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let table = self.table.as_chunks_mut().0;
+        let gradient = self.gradient.as_chunks_mut().0;
+        let moments = self.moments.as_chunks_mut().0;
+        let blocks = table.iter_mut().zip(gradient).zip(moments);
+        for (((table, gradient), moments), (visited, touched)) in
+            blocks.zip(self.visited.iter_mut().zip(self.touched))
+        {
+            if *touched != 0 {
+                *touched = 0;
+                self.rule
+                    .apply(table, gradient, moments, self.rule.step - *visited);
+                *visited = self.rule.step;
+            }
+        }
+    }
+}

@@ -1,0 +1,573 @@
+//! The kernel over plain slices, forward and backward, parallel over rays.
+//!
+//! Both directions walk a ray once from front to back. Backward then goes from back to front with
+//! the sums of what later intervals contribute: with `l = log(1 - a)`, a later weight's derivative
+//! is the weight itself, so no division by `1 - a` is needed.
+
+use rayon::prelude::*;
+
+use super::{CompositeConfig, Packing, Transparency, background_column, column, object_column};
+use crate::alpha::{NeusParameters, sigmoid, softplus};
+
+/// Rays that one task handles.
+const CHUNK: usize = 32;
+/// Least divisor in the derivative of the log-transmittance with respect to a matte value.
+const LEAST_SURVIVAL: f32 = 1e-4;
+
+/// A batch as slices; see [`composite`](super::composite) for the shapes.
+#[derive(Clone, Copy)]
+pub(crate) struct Batch<'a> {
+    pub(crate) object: &'a [f32],
+    pub(crate) background: &'a [f32],
+    pub(crate) sharpness: [f32; 2],
+    pub(crate) packing: &'a Packing,
+    pub(crate) config: CompositeConfig,
+}
+
+/// Gradients with respect to the three tensors, row-major like them.
+pub(crate) struct Gradients {
+    pub(crate) object: Vec<f32>,
+    pub(crate) background: Vec<f32>,
+    pub(crate) sharpness: [f32; 2],
+}
+
+/// Each sample's weight in the joint pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SampleWeights {
+    /// `w_F` of the object's rows; [m_f].
+    pub object: Vec<f32>,
+    /// `w_B` of the background's rows; [m_b].
+    pub background: Vec<f32>,
+}
+
+/// The weights `w_F` and `w_B` of all samples, as plain numbers (for occupancy and for sampling
+/// where errors are).
+///
+/// `object` [m_f, 6] and `background` [m_b, 5] row-major, as for [`composite`](super::composite).
+///
+/// # Panics
+/// When a slice's length doesn't fit the packing.
+pub fn sample_weights(
+    object: &[f32],
+    background: &[f32],
+    sharpness: [f32; 2],
+    packing: &Packing,
+    config: CompositeConfig,
+) -> SampleWeights {
+    let batch = Batch {
+        object,
+        background,
+        sharpness,
+        packing,
+        config,
+    };
+    batch.check();
+    let mut weights = SampleWeights {
+        object: vec![0.0; packing.object().len()],
+        background: vec![0.0; packing.background().len()],
+    };
+    batch
+        .split(&mut weights.object, 1, &mut weights.background, 1)
+        .into_par_iter()
+        .for_each(|part| {
+            for ray in part.rays.clone() {
+                batch.walk(ray, |step| {
+                    if let Some(row) = step.object_row {
+                        part.object[row - part.object_start] = step.object_weight();
+                    }
+                    if let Some(row) = step.background_row {
+                        part.background[row - part.background_start] = step.background_weight();
+                    }
+                });
+            }
+        });
+    weights
+}
+
+/// Pixels of all rays: [rays, 16] row-major.
+pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
+    batch.check();
+    let mut out = vec![0.0; batch.packing.ray_count() * column::COUNT];
+    out.par_chunks_mut(CHUNK * column::COUNT)
+        .enumerate()
+        .for_each(|(chunk, out)| {
+            for (i, pixel) in out.chunks_exact_mut(column::COUNT).enumerate() {
+                batch.render(chunk * CHUNK + i, pixel);
+            }
+        });
+    out
+}
+
+/// Gradients of all inputs from that of the pixels, `grad` [rays, 16].
+pub(crate) fn backward(batch: &Batch<'_>, grad: &[f32]) -> Gradients {
+    batch.check();
+    let mut object = vec![0.0; batch.object.len()];
+    let mut background = vec![0.0; batch.background.len()];
+    let parts: Vec<[f64; 2]> = batch
+        .split(
+            &mut object,
+            object_column::COUNT,
+            &mut background,
+            background_column::COUNT,
+        )
+        .into_par_iter()
+        .map_init(Vec::new, |steps, mut part| {
+            let mut sharpness = [0.0; 2];
+            for ray in part.rays.clone() {
+                let grad = &grad[ray * column::COUNT..(ray + 1) * column::COUNT];
+                let sums = batch.ray_backward(ray, grad, steps, &mut part);
+                sharpness[0] += sums[0];
+                sharpness[1] += sums[1];
+            }
+            sharpness
+        })
+        .collect();
+    // Summed in order, so that results don't depend on the number of threads.
+    let sharpness = parts
+        .iter()
+        .fold([0.0; 2], |sum, part| [sum[0] + part[0], sum[1] + part[1]]);
+    Gradients {
+        object,
+        background,
+        sharpness: sharpness.map(|v| v as f32),
+    }
+}
+
+/// What one sample does to light.
+#[derive(Clone, Copy)]
+struct Opacity {
+    /// Including the matte value.
+    alpha: f32,
+    /// `1 - alpha`, exact where alpha is near one.
+    survival: f32,
+    /// `log(1 - alpha)`.
+    log: f32,
+    /// Without the matte value: `1 - a` and `a`.
+    bare_survival: f32,
+    bare_alpha: f32,
+    matte: f32,
+}
+
+impl Opacity {
+    const NONE: Self = Self {
+        alpha: 0.0,
+        survival: 1.0,
+        log: 0.0,
+        bare_survival: 1.0,
+        bare_alpha: 0.0,
+        matte: 1.0,
+    };
+
+    #[inline]
+    fn new(log: f32, matte: f32) -> Self {
+        let bare_alpha = -log.exp_m1();
+        let bare_survival = log.exp();
+        let matte = matte.clamp(0.0, 1.0);
+        if matte == 1.0 {
+            return Self {
+                alpha: bare_alpha,
+                survival: bare_survival,
+                log,
+                bare_survival,
+                bare_alpha,
+                matte,
+            };
+        }
+        let alpha = matte * bare_alpha;
+        let survival = (1.0 - matte) + matte * bare_survival;
+        let log = if alpha < 0.5 {
+            (-alpha).ln_1p()
+        } else {
+            survival.ln()
+        };
+        Self {
+            alpha,
+            survival,
+            log,
+            bare_survival,
+            bare_alpha,
+            matte,
+        }
+    }
+
+    /// The derivative of `log` with respect to the logarithm without the matte value.
+    #[inline]
+    fn log_slope(&self) -> f32 {
+        if self.matte == 1.0 {
+            1.0
+        } else {
+            self.matte * self.bare_survival / self.survival
+        }
+    }
+}
+
+/// One interval on the way along a ray; transmittances are those before it.
+struct Step {
+    interval: usize,
+    object_row: Option<usize>,
+    background_row: Option<usize>,
+    object: Opacity,
+    background: Opacity,
+    joint: f32,
+    object_alone: f32,
+    background_alone: f32,
+}
+
+impl Step {
+    #[inline]
+    fn object_weight(&self) -> f32 {
+        self.joint * self.object.alpha * (1.0 - 0.5 * self.background.alpha)
+    }
+
+    #[inline]
+    fn background_weight(&self) -> f32 {
+        self.joint * self.background.alpha * (1.0 - 0.5 * self.object.alpha)
+    }
+}
+
+/// Transmittances of a whole ray.
+struct Remainder {
+    joint: f32,
+    object: f32,
+    background: f32,
+    object_log: f32,
+}
+
+/// Consecutive rays and their rows of two per-sample arrays.
+struct Part<'a> {
+    rays: std::ops::Range<usize>,
+    object: &'a mut [f32],
+    object_start: usize,
+    background: &'a mut [f32],
+    background_start: usize,
+}
+
+impl<'a> Batch<'a> {
+    fn check(&self) {
+        let expected = self.packing.object().len() * object_column::COUNT;
+        assert_eq!(
+            self.object.len(),
+            expected,
+            "composite: object has {} values, the packing wants {expected}",
+            self.object.len()
+        );
+        let expected = self.packing.background().len() * background_column::COUNT;
+        assert_eq!(
+            self.background.len(),
+            expected,
+            "composite: background has {} values, the packing wants {expected}",
+            self.background.len()
+        );
+    }
+
+    /// Cuts two per-sample arrays (of so many values per row) along chunks of rays.
+    fn split<'b>(
+        &self,
+        mut object: &'b mut [f32],
+        object_width: usize,
+        mut background: &'b mut [f32],
+        background_width: usize,
+    ) -> Vec<Part<'b>> {
+        let rays = self.packing.ray_count();
+        let rows = |offsets: &[u32], rays: &std::ops::Range<usize>| {
+            let (start, end) = (offsets[rays.start] as usize, offsets[rays.end] as usize);
+            (start, end - start)
+        };
+        (0..rays)
+            .step_by(CHUNK)
+            .map(|start| {
+                let rays = start..(start + CHUNK).min(rays);
+                let (object_start, n) = rows(self.packing.object_offsets(), &rays);
+                let (object_part, rest) =
+                    std::mem::take(&mut object).split_at_mut(n * object_width);
+                object = rest;
+                let (background_start, n) = rows(self.packing.background_offsets(), &rays);
+                let (background_part, rest) =
+                    std::mem::take(&mut background).split_at_mut(n * background_width);
+                background = rest;
+                Part {
+                    rays,
+                    object: object_part,
+                    object_start,
+                    background: background_part,
+                    background_start,
+                }
+            })
+            .collect()
+    }
+
+    fn neus(&self, sharpness: f32) -> NeusParameters {
+        NeusParameters {
+            sharpness,
+            cos_anneal: self.config.cos_anneal,
+            epsilon: self.config.epsilon,
+        }
+    }
+
+    /// Visits the intervals of a ray from front to back.
+    #[inline]
+    fn walk(&self, ray: usize, mut visit: impl FnMut(Step)) -> Remainder {
+        let packing = self.packing;
+        let kernels = [
+            Kernel::new(self.config.object, self.neus(self.sharpness[0])),
+            Kernel::new(self.config.background, self.neus(self.sharpness[1])),
+        ];
+        let mut object_row = packing.object_offsets()[ray] as usize;
+        let object_end = packing.object_offsets()[ray + 1] as usize;
+        let mut background_row = packing.background_offsets()[ray] as usize;
+        let background_end = packing.background_offsets()[ray + 1] as usize;
+        let mut rest = Remainder {
+            joint: 1.0,
+            object: 1.0,
+            background: 1.0,
+            object_log: 0.0,
+        };
+        let range = packing.ray_offsets()[ray] as usize..packing.ray_offsets()[ray + 1] as usize;
+        for interval in range {
+            let dt = packing.dt()[interval];
+            let mut step = Step {
+                interval,
+                object_row: None,
+                background_row: None,
+                object: Opacity::NONE,
+                background: Opacity::NONE,
+                joint: rest.joint,
+                object_alone: rest.object,
+                background_alone: rest.background,
+            };
+            if object_row < object_end && packing.object()[object_row] as usize == interval {
+                let row = &self.object[object_row * object_column::COUNT..];
+                let log =
+                    kernels[0].log_survival(row[object_column::SDF], row[object_column::SLOPE], dt);
+                step.object = Opacity::new(log, row[object_column::MATTE]);
+                step.object_row = Some(object_row);
+                object_row += 1;
+            }
+            if background_row < background_end
+                && packing.background()[background_row] as usize == interval
+            {
+                let row = &self.background[background_row * background_column::COUNT..];
+                let log = kernels[1].log_survival(
+                    row[background_column::SDF],
+                    row[background_column::SLOPE],
+                    dt,
+                );
+                step.background = Opacity::new(log, 1.0);
+                step.background_row = Some(background_row);
+                background_row += 1;
+            }
+            rest.joint *= step.object.survival * step.background.survival;
+            rest.object *= step.object.survival;
+            rest.background *= step.background.survival;
+            rest.object_log += step.object.log;
+            visit(step);
+        }
+        rest
+    }
+
+    fn render(&self, ray: usize, pixel: &mut [f32]) {
+        let rest = self.walk(ray, |step| {
+            let t = self.packing.t()[step.interval];
+            let (w_f, w_b) = (step.object_weight(), step.background_weight());
+            if let Some(row) = step.object_row {
+                let colour = self.object_colour(row);
+                let alone = step.object_alone * step.object.alpha;
+                for c in 0..3 {
+                    pixel[column::JOINT_COLOUR + c] += w_f * colour[c];
+                    pixel[column::OBJECT_COLOUR + c] += alone * colour[c];
+                }
+                pixel[column::MATTE] += w_f;
+                pixel[column::OBJECT_DEPTH] += alone * t;
+            }
+            if let Some(row) = step.background_row {
+                let colour = self.background_colour(row);
+                let alone = step.background_alone * step.background.alpha;
+                for c in 0..3 {
+                    pixel[column::JOINT_COLOUR + c] += w_b * colour[c];
+                    pixel[column::BACKGROUND_COLOUR + c] += alone * colour[c];
+                }
+            }
+            pixel[column::JOINT_DEPTH] += (w_f + w_b) * t;
+        });
+        pixel[column::OBJECT_OPACITY] = 1.0 - rest.object;
+        pixel[column::BACKGROUND_OPACITY] = 1.0 - rest.background;
+        pixel[column::JOINT_OPACITY] = 1.0 - rest.joint;
+        pixel[column::OBJECT_LOG_TRANSMITTANCE] = rest.object_log;
+    }
+
+    #[inline]
+    fn object_colour(&self, row: usize) -> &[f32] {
+        let at = row * object_column::COUNT + object_column::COLOUR;
+        &self.object[at..at + 3]
+    }
+
+    #[inline]
+    fn background_colour(&self, row: usize) -> &[f32] {
+        let at = row * background_column::COUNT + background_column::COLOUR;
+        &self.background[at..at + 3]
+    }
+
+    /// Writes a ray's rows of the gradients and returns its part of the sharpnesses'.
+    fn ray_backward(
+        &self,
+        ray: usize,
+        grad: &[f32],
+        steps: &mut Vec<Step>,
+        part: &mut Part<'_>,
+    ) -> [f64; 2] {
+        steps.clear();
+        let rest = self.walk(ray, |step| steps.push(step));
+        let kernels = [
+            Kernel::new(self.config.object, self.neus(self.sharpness[0])),
+            Kernel::new(self.config.background, self.neus(self.sharpness[1])),
+        ];
+        let g_joint = &grad[column::JOINT_COLOUR..column::JOINT_COLOUR + 3];
+        let g_object = &grad[column::OBJECT_COLOUR..column::OBJECT_COLOUR + 3];
+        let g_background = &grad[column::BACKGROUND_COLOUR..column::BACKGROUND_COLOUR + 3];
+        // Loss per unit of log(1 - a) through what lies behind, with the opacities' share first.
+        let mut behind_joint = -grad[column::JOINT_OPACITY] * rest.joint;
+        let mut behind_object = -grad[column::OBJECT_OPACITY] * rest.object;
+        let mut behind_background = -grad[column::BACKGROUND_OPACITY] * rest.background;
+        let g_log = grad[column::OBJECT_LOG_TRANSMITTANCE];
+        let mut sharpness = [0.0; 2];
+        for step in steps.iter().rev() {
+            let t = self.packing.t()[step.interval];
+            let dt = self.packing.dt()[step.interval];
+            let (a_f, a_b) = (step.object.alpha, step.background.alpha);
+            let g_depth = grad[column::JOINT_DEPTH] * t;
+            // Loss per unit of the weights: w_F, w_B, and of each field alone.
+            let (mut per_f, mut per_f_alone) = (0.0, 0.0);
+            if let Some(row) = step.object_row {
+                let colour = self.object_colour(row);
+                per_f = g_depth + grad[column::MATTE] + dot(g_joint, colour);
+                per_f_alone = grad[column::OBJECT_DEPTH] * t + dot(g_object, colour);
+            }
+            let (mut per_b, mut per_b_alone) = (0.0, 0.0);
+            if let Some(row) = step.background_row {
+                let colour = self.background_colour(row);
+                per_b = g_depth + dot(g_joint, colour);
+                per_b_alone = dot(g_background, colour);
+            }
+            if let Some(row) = step.object_row {
+                // Loss per unit of a_F within this interval.
+                let here = step.joint * (per_f * (1.0 - 0.5 * a_b) - 0.5 * per_b * a_b)
+                    + step.object_alone * per_f_alone;
+                let behind = behind_joint + behind_object;
+                let opacity = &step.object;
+                let g_l = behind + g_log - opacity.survival * here;
+                let at = (row - part.object_start) * object_column::COUNT;
+                let out = &mut part.object[at..at + object_column::COUNT];
+                let values = &self.object[row * object_column::COUNT..];
+                let chain = kernels[0].backward(
+                    values[object_column::SDF],
+                    values[object_column::SLOPE],
+                    dt,
+                    g_l * opacity.log_slope(),
+                );
+                out[object_column::SDF] = chain.sdf;
+                out[object_column::SLOPE] = chain.slope;
+                sharpness[0] += f64::from(chain.sharpness);
+                let alone = step.object_alone * a_f;
+                let weight = step.object_weight();
+                for c in 0..3 {
+                    out[object_column::COLOUR + c] = weight * g_joint[c] + alone * g_object[c];
+                }
+                // What lies behind is proportional to the survival, so its quotient is bounded.
+                out[object_column::MATTE] = opacity.bare_alpha
+                    * (here
+                        - behind / opacity.survival.max(f32::MIN_POSITIVE)
+                        - g_log / opacity.survival.max(LEAST_SURVIVAL));
+            }
+            if let Some(row) = step.background_row {
+                let here = step.joint * (per_b * (1.0 - 0.5 * a_f) - 0.5 * per_f * a_f)
+                    + step.background_alone * per_b_alone;
+                let g_l = behind_joint + behind_background - step.background.survival * here;
+                let at = (row - part.background_start) * background_column::COUNT;
+                let out = &mut part.background[at..at + background_column::COUNT];
+                let values = &self.background[row * background_column::COUNT..];
+                let chain = kernels[1].backward(
+                    values[background_column::SDF],
+                    values[background_column::SLOPE],
+                    dt,
+                    g_l,
+                );
+                out[background_column::SDF] = chain.sdf;
+                out[background_column::SLOPE] = chain.slope;
+                sharpness[1] += f64::from(chain.sharpness);
+                let alone = step.background_alone * a_b;
+                let weight = step.background_weight();
+                for c in 0..3 {
+                    out[background_column::COLOUR + c] =
+                        weight * g_joint[c] + alone * g_background[c];
+                }
+            }
+            behind_joint += per_f * step.object_weight() + per_b * step.background_weight();
+            behind_object += per_f_alone * step.object_alone * a_f;
+            behind_background += per_b_alone * step.background_alone * a_b;
+        }
+        sharpness
+    }
+}
+
+#[inline]
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// From a field's first two columns to `log(1 - a)` and back.
+struct Kernel {
+    transparency: Transparency,
+    neus: NeusParameters,
+    log_epsilon: f32,
+}
+
+/// Gradients of one sample.
+struct Chain {
+    sdf: f32,
+    slope: f32,
+    sharpness: f32,
+}
+
+impl Kernel {
+    fn new(transparency: Transparency, neus: NeusParameters) -> Self {
+        Self {
+            transparency,
+            neus,
+            log_epsilon: neus.log_epsilon(),
+        }
+    }
+
+    #[inline]
+    fn log_survival(&self, sdf: f32, slope: f32, dt: f32) -> f32 {
+        match self.transparency {
+            Transparency::Sdf => self.neus.log_survival(sdf, slope, dt, self.log_epsilon),
+            Transparency::Density => -sdf.max(0.0) * dt,
+        }
+    }
+
+    /// From the loss per unit of `log(1 - a)` to that per unit of the inputs.
+    #[inline]
+    fn backward(&self, sdf: f32, slope: f32, dt: f32, g_log: f32) -> Chain {
+        if self.transparency == Transparency::Density {
+            return Chain {
+                sdf: if sdf > 0.0 { -dt * g_log } else { 0.0 },
+                slope: 0.0,
+                sharpness: 0.0,
+            };
+        }
+        let s = self.neus.sharpness;
+        let half = 0.5 * dt * self.neus.annealed_slope(slope);
+        let (first, last) = (sdf - half, sdf + half);
+        // log(1 - a) = before - after - softplus(before + log e), before = softplus(-s first).
+        let before = softplus(-s * first);
+        let g_before = g_log * sigmoid(-(before + self.log_epsilon));
+        let g_u = -g_before * sigmoid(-s * first);
+        let g_v = g_log * sigmoid(-s * last);
+        let g_half = s * (g_v - g_u);
+        Chain {
+            sdf: s * (g_u + g_v),
+            slope: 0.5 * dt * g_half * self.neus.annealed_slope_derivative(slope),
+            sharpness: g_u * first + g_v * last,
+        }
+    }
+}

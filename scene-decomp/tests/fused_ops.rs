@@ -1,0 +1,228 @@
+//! The fused ops against their references: values, gradients, and derivatives by differences.
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Arc;
+
+use burn::Tensor;
+use burn::module::Module;
+use burn::tensor::{Device, TensorData};
+use hashgrid::{GridConfig, GridLayout};
+use scene_decomp::colour_field::{self, ColourFieldInputs};
+use scene_decomp::sdf_field;
+use scene_decomp::{InitialShape, Surface, SurfaceConfig};
+
+/// Sums of up to 64 products in another order, in single precision, through two layers.
+const VALUE_TOLERANCE: f32 = 2e-5;
+/// Gradients sum over all points as well; relative to the largest entry.
+const GRADIENT_TOLERANCE: f32 = 2e-4;
+
+fn numbers(count: usize, seed: u32) -> Vec<f32> {
+    let mut state = seed;
+    (0..count)
+        .map(|_| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 23) as f32 - 1.0
+        })
+        .collect()
+}
+
+fn config() -> SurfaceConfig {
+    SurfaceConfig {
+        grid: GridConfig {
+            levels: 5,
+            base_resolution: 4,
+            finest_resolution: 40,
+            log2_table_size: 10,
+            ..GridConfig::default()
+        },
+        hidden: 64,
+        features: 7,
+        extra: 1,
+        outputs: 4,
+        half_side: 2.0,
+        // Softer than the default: the references differ by rounding times the sharpness.
+        beta: 20.0,
+        initial: InitialShape::Ball(0.5),
+    }
+}
+
+/// A surface whose table and encoding weights are not the zeros of the initialisation.
+fn surface(device: &Device) -> Surface {
+    let config = config();
+    let mut surface = Surface::new(&config, 3, device);
+    let entries = GridLayout::new(&config.grid).entries();
+    let table = numbers(entries * 2, 5).iter().map(|v| 0.3 * v).collect::<Vec<_>>();
+    surface.grid.table = surface.grid.table.map(|_| {
+        Tensor::<2>::from_data(TensorData::new(table, [entries, 2]), device).require_grad()
+    });
+    let shape = surface.sdf[0].weight.dims();
+    let weight = numbers(shape[0] * shape[1], 6).iter().map(|v| 0.4 * v).collect::<Vec<_>>();
+    surface.sdf[0].weight = surface.sdf[0].weight.clone().map(|_| {
+        Tensor::<2>::from_data(TensorData::new(weight, shape), device).require_grad()
+    });
+    surface
+}
+
+fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
+    Tensor::from_data(TensorData::new(values, shape), device)
+}
+
+fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor.into_data().to_vec::<f32>().unwrap()
+}
+
+fn assert_close(name: &str, a: &[f32], b: &[f32], tolerance: f32) {
+    assert_eq!(a.len(), b.len(), "{name}: lengths");
+    let scale = b.iter().fold(1e-3f32, |m, v| m.max(v.abs()));
+    for (i, (a, b)) in a.iter().zip(b).enumerate() {
+        assert!((a - b).abs() <= tolerance * scale, "{name}[{i}]: {a} and {b}, scale {scale}");
+    }
+}
+
+/// Value of the op, its reference, and all gradients of a weighted sum of the outputs.
+fn both_sdf(device: &Device, n: usize, active: usize) -> [(Vec<f32>, Vec<Vec<f32>>); 2] {
+    let device = &device.clone().autodiff();
+    let layout = Arc::new(GridLayout::new(&config().grid));
+    let points = numbers(3 * n, 11).iter().map(|v| 1.9 * v).collect::<Vec<_>>();
+    let upstream = numbers(n * 11, 12);
+    [false, true].map(|reference| {
+        let surface = surface(device);
+        let settings = surface.sdf_config(&layout, active, None);
+        let points = tensor(points.clone(), [n, 3], device);
+        let weights = surface.sdf_weights();
+        let out = if reference {
+            sdf_field::reference::sdf_field(points, weights.clone(), settings)
+        } else {
+            sdf_field::sdf_field(points, weights.clone(), settings)
+        };
+        let loss = out.clone().mul(tensor(upstream.clone(), [n, 11], device)).sum();
+        let grads = loss.backward();
+        let gradients = vec![
+            values(weights.table.grad(&grads).unwrap()),
+            values(weights.w1.grad(&grads).unwrap()),
+            values(weights.b1.grad(&grads).unwrap()),
+            values(weights.w2.grad(&grads).unwrap()),
+            values(weights.b2.grad(&grads).unwrap()),
+        ];
+        (values(out), gradients)
+    })
+}
+
+#[test]
+fn sdf_field_equals_its_reference() {
+    for device in [Device::flex(), Device::ndarray()] {
+        // One point, a part of a tile, several tiles and a rest; all levels, and some.
+        for (n, active) in [(1, 5), (17, 2), (300, 5), (2100, 3)] {
+            let [kernel, reference] = both_sdf(&device, n, active);
+            assert_close("sdf_field", &kernel.0, &reference.0, VALUE_TOLERANCE);
+            for (name, (a, b)) in
+                ["table", "w1", "b1", "w2", "b2"].iter().zip(kernel.1.iter().zip(&reference.1))
+            {
+                assert_close(name, a, b, GRADIENT_TOLERANCE);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_normal_is_the_gradient_of_the_distance() {
+    let device = Device::flex();
+    let surface = surface(&device);
+    let layout = Arc::new(GridLayout::new(&config().grid));
+    let at = |p: [f32; 3]| {
+        let settings = surface.sdf_config(&layout, 5, None);
+        values(surface.geometry(tensor(p.to_vec(), [1, 3], &device), settings))
+    };
+    // Within a cell the field is smooth; the step is far below the cell of 4 / 40 and far above
+    // the rounding of the distance.
+    let step = 2e-3;
+    let mut checked = 0;
+    for p in numbers(120, 21).chunks_exact(3).map(|p| [1.7 * p[0], 1.7 * p[1], 1.7 * p[2]]) {
+        let cell = |v: f32| ((v / 4.0 + 0.5) * 40.0).fract();
+        if p.iter().any(|v| !(0.1..0.9).contains(&cell(*v))) {
+            continue;
+        }
+        let normal = &at(p)[8..11];
+        for axis in 0..3 {
+            let (mut low, mut high) = (p, p);
+            low[axis] -= step;
+            high[axis] += step;
+            let slope = (at(high)[0] - at(low)[0]) / (2.0 * step);
+            // A coarser level's border may lie between; then the slope is between both sides'.
+            if (slope - normal[axis]).abs() < 0.02 * (1.0 + slope.abs()) {
+                checked += 1;
+            }
+        }
+    }
+    assert!(checked >= 60, "only {checked} derivatives agree");
+}
+
+#[test]
+fn colour_field_equals_its_reference() {
+    for device in [Device::flex(), Device::ndarray()] {
+        let device = &device.autodiff();
+        for n in [1, 129, 1000] {
+            let geometry = numbers(n * 11, 31);
+            let upstream = numbers(n * 4, 32);
+            let run = |reference: bool| {
+                let surface = surface(device);
+                let geometry = tensor(geometry.clone(), [n, 11], device).require_grad();
+                let inputs = ColourFieldInputs {
+                    geometry: geometry.clone(),
+                    points: tensor(numbers(3 * n, 33), [n, 3], device),
+                    directions: tensor(numbers(3 * n, 34), [n, 3], device),
+                    extra: tensor(numbers(n, 35), [n, 1], device),
+                };
+                let weights = surface.colour_weights();
+                let out = if reference {
+                    colour_field::reference::colour_field(inputs, weights.clone())
+                } else {
+                    colour_field::colour_field(inputs, weights.clone())
+                };
+                let loss = out.clone().mul(tensor(upstream.clone(), [n, 4], device)).sum();
+                let grads = loss.backward();
+                let gradients = vec![
+                    values(geometry.grad(&grads).unwrap()),
+                    values(weights.w1.grad(&grads).unwrap()),
+                    values(weights.b1.grad(&grads).unwrap()),
+                    values(weights.w2.grad(&grads).unwrap()),
+                    values(weights.b2.grad(&grads).unwrap()),
+                    values(weights.w3.grad(&grads).unwrap()),
+                    values(weights.b3.grad(&grads).unwrap()),
+                ];
+                (values(out), gradients)
+            };
+            let (kernel, reference) = (run(false), run(true));
+            assert_close("colour_field", &kernel.0, &reference.0, VALUE_TOLERANCE);
+            for (i, (a, b)) in kernel.1.iter().zip(&reference.1).enumerate() {
+                assert_close(&format!("gradient {i}"), a, b, GRADIENT_TOLERANCE);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_initial_surface_is_a_ball() {
+    let device = Device::flex();
+    let config = SurfaceConfig { beta: 100.0, half_side: 1.0, ..config() };
+    let surface = Surface::new(&config, 1, &device);
+    let layout = Arc::new(GridLayout::new(&config.grid));
+    for p in numbers(300, 41).chunks_exact(3) {
+        let settings = surface.sdf_config(&layout, 5, None);
+        let out = values(surface.geometry(tensor(p.to_vec(), [1, 3], &device), settings));
+        let radius = p.iter().map(|v| v * v).sum::<f32>().sqrt();
+        // 64 random directions approximate the length to about an eighth.
+        assert!((out[0] - (radius - 0.5)).abs() < 0.2 * radius + 0.02, "{} at {radius}", out[0]);
+    }
+    assert!(surface.num_params() > 0);
+}
+
+#[test]
+fn no_points_give_no_rows() {
+    let device = Device::flex().autodiff();
+    let surface = surface(&device);
+    let layout = Arc::new(GridLayout::new(&config().grid));
+    let empty = tensor(Vec::new(), [0, 3], &device);
+    let out = surface.geometry(empty, surface.sdf_config(&layout, 5, None));
+    assert_eq!(out.dims(), [0, 11]);
+}

@@ -1,0 +1,168 @@
+//! `sos train`.
+
+use super::input::{Plan, Source, is_demo_run, record_input};
+use super::{TrainArgs, answer, evaluate, program};
+use crate::config::RunRecord;
+use crate::error::{EXIT_INTERRUPTED, EXIT_OK};
+use crate::export::check_names;
+use crate::job::{TrainJob, TrainOutcome};
+use crate::progress::{Progress, watch_interrupt};
+use crate::report::{ReportInputs, write_report};
+use crate::run_folder::{Existing, RunError, RunFolder};
+use demo_scene::{DemoConfig, generate};
+use io_colmap::{MaskSet, Scene};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
+    let plan = Plan::new(args)?;
+    let screen = Progress::new(args.quiet, 0);
+    let ready = match &plan.source {
+        Source::Folder(scene) => open(args, &plan, scene, None, &screen)?,
+        Source::Demo => {
+            let run = prepare_demo(args, &plan, &screen)?;
+            let scene = run.demo_scene_dir();
+            open(args, &plan, &scene, Some(run), &screen)?
+        }
+    };
+    let demo = plan.source == Source::Demo;
+    let run = ready.run.clone();
+    match start(args, plan, ready, &screen) {
+        Ok(TrainOutcome::Finished) => finish(&run, demo, &screen).map(|()| EXIT_OK),
+        Ok(TrainOutcome::Interrupted { step }) => {
+            let _ = writeln!(
+                std::io::stderr(),
+                "stopped at step {step} with a checkpoint saved; go on with: {} train --resume --out {}",
+                program(),
+                quoted(run.root())
+            );
+            Ok(EXIT_INTERRUPTED)
+        }
+        Err(error) => {
+            // Input that cannot be used leaves nothing behind; a run that got somewhere does.
+            if !args.resume && !run.has_checkpoint() {
+                run.abandon(demo)?;
+            }
+            Err(error)
+        }
+    }
+}
+
+/// Everything opened and checked.
+struct Ready {
+    scene_dir: PathBuf,
+    masks_dir: Option<PathBuf>,
+    scene: Scene,
+    masks: Option<MaskSet>,
+    run: RunFolder,
+}
+
+/// Opens scene, masks and run folder, in this order: no folder is made for a bad scene.
+fn open(
+    args: &TrainArgs,
+    plan: &Plan,
+    scene_dir: &Path,
+    run: Option<RunFolder>,
+    screen: &Progress,
+) -> anyhow::Result<Ready> {
+    let demo = run.is_some();
+    let scene = Scene::open(scene_dir)?;
+    check_names(scene.model.views.iter().map(|view| view.name.as_str()))?;
+    let (masks_dir, hint) = plan.masks.choose(scene_dir, demo);
+    let masks = masks_dir
+        .as_deref()
+        .map(|dir| MaskSet::find(dir, &scene, plan.polarity.map(Into::into)))
+        .transpose()?;
+    // Notes on scene and masks are left to training, which has more of them.
+    if let Some(hint) = hint {
+        screen.note(&hint);
+    }
+    let run = match run {
+        Some(run) => run,
+        None => folder(args, &plan.out)?,
+    };
+    let input =
+        record_input(scene_dir, masks_dir.as_deref(), plan.polarity, &plan.out, demo);
+    let config = RunRecord::new(plan.config.clone(), input).to_toml()?;
+    if args.resume || demo {
+        run.write_durably(&run.config_path(), |out| out.write_all(config.as_bytes()))?;
+    } else {
+        run.set_config(config);
+    }
+    Ok(Ready { scene_dir: scene_dir.to_path_buf(), masks_dir, scene, masks, run })
+}
+
+fn folder(args: &TrainArgs, path: &Path) -> Result<RunFolder, RunError> {
+    if args.resume {
+        RunFolder::open_existing(path)
+    } else {
+        RunFolder::create(path, if args.force { Existing::Replace } else { Existing::Keep })
+    }
+}
+
+/// The run's folder with the demo scene in it.
+fn prepare_demo(args: &TrainArgs, plan: &Plan, screen: &Progress) -> anyhow::Result<RunFolder> {
+    let was_demo = is_demo_run(&plan.out);
+    let run = folder(args, &plan.out)?;
+    run.begin()?;
+    let dir = run.demo_scene_dir();
+    if was_demo && args.force && dir.is_dir() {
+        std::fs::remove_dir_all(&dir)
+            .map_err(|source| RunError::Io { action: "remove", path: dir.clone(), source })?;
+    }
+    if !(args.resume && dir.is_dir()) {
+        screen.note("the demo scene is generated");
+        generate(&DemoConfig::default()).write(&dir)?;
+    }
+    Ok(run)
+}
+
+fn start(
+    args: &TrainArgs,
+    plan: Plan,
+    ready: Ready,
+    screen: &Progress,
+) -> anyhow::Result<TrainOutcome> {
+    let interrupt = Arc::new(AtomicBool::new(false));
+    if let Err(error) = watch_interrupt(Arc::clone(&interrupt)) {
+        screen.warn(&format!("Ctrl-C will stop the run without saving ({error})"));
+    }
+    crate::train::run(&TrainJob {
+        config: plan.config,
+        scene_dir: ready.scene_dir,
+        masks_dir: ready.masks_dir,
+        polarity: plan.polarity.map(Into::into),
+        scene: ready.scene,
+        masks: ready.masks,
+        run: ready.run,
+        resume: args.resume,
+        quiet: args.quiet,
+        interrupt,
+    })
+}
+
+/// Scores a run of the demo, writes the report, says where everything is.
+fn finish(run: &RunFolder, demo: bool, screen: &Progress) -> anyhow::Result<()> {
+    if demo {
+        let scene = run.demo_scene_dir();
+        let report =
+            sos_eval::run_eval(run.root(), &scene, Some(&scene.join("coarse_masks")))?;
+        evaluate::write_metrics(run, &report)?;
+        screen.note(&report.to_string());
+    }
+    write_report(run, &ReportInputs::gather(run)?)?;
+    answer(&format!("everything is in {}; start with report.html", run.root().display()));
+    Ok(())
+}
+
+/// A path that can be pasted into a shell.
+fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    if text.chars().all(|c| c.is_alphanumeric() || "/\\._-:~+,@".contains(c)) {
+        text
+    } else {
+        format!("'{}'", text.replace('\'', "'\\''"))
+    }
+}

@@ -1,0 +1,171 @@
+//! Presets: complete sets of values.
+
+use super::sections::{
+    AlphaSource, Blend, ColourLoss, ExportConfig, Interpolation, LossConfig, ModelConfig,
+    PrepareConfig, SamplingConfig, ScheduleConfig, Transparency,
+};
+use super::TrainConfig;
+use serde::{Deserialize, Serialize};
+
+/// A named set of values for the whole configuration.
+#[derive(
+    Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum,
+)]
+#[serde(rename_all = "lowercase")]
+pub enum Preset {
+    /// A first look in a few minutes.
+    Quick,
+    /// What measures best within half an hour on two CPU cores.
+    #[default]
+    Default,
+    /// The numbers of the paper; meant for a GPU.
+    Paper,
+}
+
+impl std::fmt::Display for Preset {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Preset::Quick => "quick",
+            Preset::Default => "default",
+            Preset::Paper => "paper",
+        })
+    }
+}
+
+pub(super) fn values(preset: Preset) -> TrainConfig {
+    match preset {
+        Preset::Quick => quick(),
+        Preset::Default => default(),
+        Preset::Paper => paper(),
+    }
+}
+
+fn default() -> TrainConfig {
+    TrainConfig {
+        preset: Preset::Default,
+        steps: 6000,
+        seed: 1,
+        device: "auto".to_owned(),
+        model: ModelConfig {
+            levels: 16,
+            base_resolution: 16,
+            finest_resolution: 0,
+            log2_table_size: 19,
+            interpolation: Interpolation::Linear,
+            hidden: 64,
+            object_features: 12,
+            background_features: 7,
+            background: Transparency::Density,
+            alpha: AlphaSource::Opacity,
+            blend: Blend::Sample,
+        },
+        loss: LossConfig {
+            colour: ColourLoss::Huber,
+            huber_delta: 0.1,
+            eikonal: 0.1,
+            eikonal_background: 0.01,
+            sparsity: 0.01,
+            sparsity_tau: 20.0,
+            mask: 0.1,
+            mask_hold: 0.1,
+            mask_end: 0.3,
+            mask_floor: 0.0,
+            ignore_band: 0.03,
+            points: 0.0,
+            background: 1.0,
+        },
+        schedule: ScheduleConfig {
+            learning_rate: 0.01,
+            learning_rate_mlp: 0.005,
+            warmup_steps: 200,
+            final_ratio: 0.1,
+            first_levels: 4,
+            levels_end: 0.4,
+            cos_anneal_end: 0.25,
+            sharpness_learning_rate: 0.001,
+            sharpness_start: 0.3,
+        },
+        sampling: SamplingConfig {
+            rays: 512,
+            target_samples: 1 << 15,
+            object_steps: 128,
+            background_samples: 32,
+            object_share: 0.6,
+            occupancy_resolution: 128,
+            occupancy_every: 16,
+        },
+        prepare: PrepareConfig {
+            hull_threshold: 0.8,
+            object_threshold: 0.7,
+            crop_threshold: 0.5,
+            box_margin: 0.15,
+        },
+        export: ExportConfig {
+            edge_rays: 8,
+            mesh_resolution: 256,
+            preview_every: 500,
+            checkpoint_every: 1000,
+        },
+    }
+}
+
+/// The default with a shorter run, smaller tables and coarser exports.
+fn quick() -> TrainConfig {
+    let base = default();
+    TrainConfig {
+        preset: Preset::Quick,
+        steps: 1500,
+        model: ModelConfig { levels: 12, log2_table_size: 17, ..base.model },
+        schedule: ScheduleConfig { warmup_steps: 100, ..base.schedule },
+        sampling: SamplingConfig {
+            target_samples: 1 << 14,
+            object_steps: 96,
+            background_samples: 24,
+            occupancy_resolution: 96,
+            ..base.sampling
+        },
+        export: ExportConfig {
+            edge_rays: 4,
+            mesh_resolution: 160,
+            preview_every: 250,
+            checkpoint_every: 500,
+        },
+        ..base
+    }
+}
+
+/// What the paper's text and figures state; what they leave open is as in neighbouring code.
+fn paper() -> TrainConfig {
+    let base = default();
+    TrainConfig {
+        preset: Preset::Paper,
+        steps: 40_000,
+        model: ModelConfig {
+            finest_resolution: 2048,
+            background: Transparency::Sdf,
+            alpha: AlphaSource::Head,
+            blend: Blend::Ray,
+            ..base.model
+        },
+        loss: LossConfig { colour: ColourLoss::L2, eikonal_background: 0.1, ..base.loss },
+        schedule: ScheduleConfig {
+            learning_rate_mlp: 0.01,
+            warmup_steps: 500,
+            ..base.schedule
+        },
+        sampling: SamplingConfig {
+            rays: 1024,
+            target_samples: 1024 * 64,
+            object_steps: 64,
+            background_samples: 64,
+            ..base.sampling
+        },
+        export: ExportConfig {
+            edge_rays: 16,
+            mesh_resolution: 512,
+            preview_every: 1000,
+            checkpoint_every: 5000,
+        },
+        ..base
+    }
+}

@@ -1,0 +1,158 @@
+//! `config.toml` as a run writes it: the configuration, what it was given, what made it.
+
+use super::overlay::one_line;
+use super::{ConfigError, Preset, TrainConfig};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use toml::{Table, Value};
+
+/// Sections of the file that are not settings.
+const INPUT: &str = "input";
+const VERSIONS: &str = "versions";
+
+const HEADER: &str = "\
+# Everything needed to repeat this run: sos train --config THIS_FILE --out NEW_FOLDER
+";
+
+/// Which colour of a mask means the object, as a user states it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum MaskPolarity {
+    /// White is the object.
+    White,
+    /// Black is the object.
+    Black,
+}
+
+impl From<MaskPolarity> for io_colmap::Polarity {
+    fn from(polarity: MaskPolarity) -> Self {
+        match polarity {
+            MaskPolarity::White => Self::WhiteIsObject,
+            MaskPolarity::Black => Self::BlackIsObject,
+        }
+    }
+}
+
+/// What a run was given.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InputRecord {
+    /// The scene's folder, absolute.
+    pub scene: PathBuf,
+    /// The folder of coarse masks, absolute; none for a run without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub masks: Option<PathBuf>,
+    /// Polarity as stated by the user; none where it was detected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub polarity: Option<MaskPolarity>,
+    /// The run's own folder, absolute.
+    pub out: PathBuf,
+    /// Whether the scene is the built-in demo, which the run generated itself.
+    #[serde(default)]
+    pub demo: bool,
+}
+
+/// What made a run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Versions {
+    /// Version of this program.
+    pub sos: String,
+    /// Operating system and processor.
+    pub platform: String,
+}
+
+impl Versions {
+    /// Of the program that is running.
+    #[must_use]
+    pub fn current() -> Self {
+        Self {
+            sos: env!("CARGO_PKG_VERSION").to_owned(),
+            platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        }
+    }
+}
+
+/// The content of a run's `config.toml`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunRecord {
+    /// All settings.
+    pub config: TrainConfig,
+    /// What the run was given; none in a file written by hand.
+    pub input: Option<InputRecord>,
+    /// What made the run; none in a file written by hand.
+    pub versions: Option<Versions>,
+}
+
+impl RunRecord {
+    /// The record of a run that this program starts.
+    #[must_use]
+    pub fn new(config: TrainConfig, input: InputRecord) -> Self {
+        Self { config, input: Some(input), versions: Some(Versions::current()) }
+    }
+
+    /// The file's text.
+    ///
+    /// # Errors
+    /// [`ConfigError::Syntax`] if a path is not Unicode, which TOML cannot hold.
+    pub fn to_toml(&self) -> Result<String, ConfigError> {
+        let mut text = format!("{HEADER}{}", written(&self.config)?);
+        if let Some(input) = &self.input {
+            text.push_str(&format!("\n[{INPUT}]\n{}", written(input)?));
+        }
+        if let Some(versions) = &self.versions {
+            text.push_str(&format!("\n[{VERSIONS}]\n{}", written(versions)?));
+        }
+        Ok(text)
+    }
+
+    /// Reads a file's text. Settings it lacks are those of its preset.
+    ///
+    /// # Errors
+    /// [`ConfigError`] for text that is not TOML, unknown keys, and values of the wrong kind or out
+    /// of range.
+    pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
+        let mut table = parse(text)?;
+        let preset = match table.get("preset") {
+            Some(value) => section::<Preset>("preset", value.clone())?,
+            None => Preset::default(),
+        };
+        let input = table.remove(INPUT).map(|value| section(INPUT, value)).transpose()?;
+        let versions = table.remove(VERSIONS).map(|value| section(VERSIONS, value)).transpose()?;
+        let config = super::overlay::lay_over(&TrainConfig::preset(preset), table)?;
+        config.validate()?;
+        Ok(Self { config, input, versions })
+    }
+}
+
+/// The settings in a file's text, without the other sections.
+pub(super) fn settings(text: &str) -> Result<Table, ConfigError> {
+    let mut table = parse(text)?;
+    table.remove(INPUT);
+    table.remove(VERSIONS);
+    Ok(table)
+}
+
+fn parse(text: &str) -> Result<Table, ConfigError> {
+    text.parse::<Table>().map_err(|e| {
+        let line = e.span().map_or(0, |span| {
+            text.get(..span.start).unwrap_or(text).matches('\n').count() + 1
+        });
+        ConfigError::Syntax { reason: format!("line {line}: {}", one_line(e.message())) }
+    })
+}
+
+fn section<T: serde::de::DeserializeOwned>(key: &str, value: Value) -> Result<T, ConfigError> {
+    let shown = match &value {
+        Value::Table(_) => "[…]".to_owned(),
+        plain => plain.to_string(),
+    };
+    value.try_into().map_err(|e: toml::de::Error| ConfigError::Value {
+        key: key.to_owned(),
+        value: shown,
+        reason: one_line(e.message()),
+    })
+}
+
+fn written(value: &impl Serialize) -> Result<String, ConfigError> {
+    toml::to_string(value).map_err(|e| ConfigError::Syntax { reason: one_line(e.to_string()) })
+}

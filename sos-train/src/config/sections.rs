@@ -1,0 +1,189 @@
+//! The sections of the configuration. Names here are the keys of `config.toml` and `--set`.
+
+use serde::{Deserialize, Serialize};
+
+/// How a hash grid is read between its vertices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Interpolation {
+    /// Trilinear: normals jump at cell borders.
+    Linear,
+    /// Trilinear in smoothstepped coordinates: continuous normals.
+    Smoothstep,
+}
+
+/// What makes the background field opaque.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Transparency {
+    /// A signed distance and NeuS alpha, as in the paper.
+    Sdf,
+    /// A volume density, as in NeRF.
+    Density,
+}
+
+/// Which number is the matte.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AlphaSource {
+    /// The colour network's fourth output, as in the paper's equations 2 and 3.
+    Head,
+    /// The accumulated opacity of the object's surface: agrees with the mesh.
+    Opacity,
+    /// The product of both.
+    Both,
+}
+
+/// How the two fields become one colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Blend {
+    /// Each field is rendered alone and the results are mixed by alpha, as in the paper's figure.
+    Ray,
+    /// Samples of both fields are composited in depth order: right for things in front of the object.
+    Sample,
+}
+
+/// How far a rendered colour is from the photo's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ColourLoss {
+    /// Squared difference.
+    L2,
+    /// Squared near zero, linear beyond `huber_delta`.
+    Huber,
+    /// Absolute difference.
+    L1,
+}
+
+/// `[model]`: the two fields and how their colours meet.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelConfig {
+    /// Levels of each hash grid.
+    pub levels: u32,
+    /// Cells along the box at the coarsest level.
+    pub base_resolution: u32,
+    /// Cells along the box at the finest level; 0 chooses it from the footprint of a pixel.
+    pub finest_resolution: u32,
+    /// Binary logarithm of the entries a level's table has at most.
+    pub log2_table_size: u32,
+    /// How a grid is read between its vertices.
+    pub interpolation: Interpolation,
+    /// Width of every hidden layer.
+    pub hidden: u32,
+    /// Features the object's distance network hands to its colour network.
+    pub object_features: u32,
+    /// The same for the background.
+    pub background_features: u32,
+    /// What makes the background field opaque.
+    pub background: Transparency,
+    /// Which number is the matte.
+    pub alpha: AlphaSource,
+    /// How the two fields become one colour.
+    pub blend: Blend,
+}
+
+/// `[loss]`: weights and shapes of the losses.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LossConfig {
+    /// Shape of the colour loss, whose weight is 1.
+    pub colour: ColourLoss,
+    /// Where the Huber loss turns linear, in sRGB units of 0..1.
+    pub huber_delta: f32,
+    /// Weight of (|gradient| - 1)^2 on the object's distance.
+    pub eikonal: f32,
+    /// The same on the background's.
+    pub eikonal_background: f32,
+    /// Weight of exp(-tau |distance|), which keeps unseen space off the surface.
+    pub sparsity: f32,
+    /// The tau of it, per normalised unit.
+    pub sparsity_tau: f32,
+    /// Weight of the coarse masks while they count fully.
+    pub mask: f32,
+    /// Share of the run during which the masks count fully.
+    pub mask_hold: f32,
+    /// Share of the run at which their weight has fallen to `mask_floor`.
+    pub mask_end: f32,
+    /// The weight's fraction that stays from then on.
+    pub mask_floor: f32,
+    /// Width of the band along mask edges where masks say nothing, as a share of the object's size.
+    pub ignore_band: f32,
+    /// Weight of distance = 0 at sparse points on the object.
+    pub points: f32,
+    /// Weight of the background's own colour loss outside the masks.
+    pub background: f32,
+}
+
+/// `[schedule]`: what changes in the course of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScheduleConfig {
+    /// Learning rate of the hash tables at its peak.
+    pub learning_rate: f32,
+    /// The same of the networks.
+    pub learning_rate_mlp: f32,
+    /// Steps over which rates rise to their peak.
+    pub warmup_steps: u32,
+    /// Rates at the end, relative to the peak.
+    pub final_ratio: f32,
+    /// Hash levels that are on from the start.
+    pub first_levels: u32,
+    /// Share of the run by which all levels are on.
+    pub levels_end: f32,
+    /// Share of the run over which the cosine in NeuS' alpha is annealed; 0 turns annealing off.
+    pub cos_anneal_end: f32,
+    /// Learning rate of the sharpness s.
+    pub sharpness_learning_rate: f32,
+    /// Where s starts; NeuS' b is exp(10 s).
+    pub sharpness_start: f32,
+}
+
+/// `[sampling]`: rays and samples of a step.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SamplingConfig {
+    /// Rays of the first step; later ones follow `target_samples`.
+    pub rays: u32,
+    /// Samples of both fields a step aims for.
+    pub target_samples: u32,
+    /// Marching steps across the object's box.
+    pub object_steps: u32,
+    /// Background samples along a ray.
+    pub background_samples: u32,
+    /// Share of the rays that are drawn around the object.
+    pub object_share: f32,
+    /// Cells along each side of the occupancy grid.
+    pub occupancy_resolution: u32,
+    /// Steps between its updates.
+    pub occupancy_every: u32,
+}
+
+/// `[prepare]`: how the object's box is found from masks and sparse points.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PrepareConfig {
+    /// Share of the views seeing a point whose masks must agree for it to lie in the hull.
+    pub hull_threshold: f32,
+    /// The same for a sparse point to count as the object's.
+    pub object_threshold: f32,
+    /// Probability above which the background field is cut open.
+    pub crop_threshold: f32,
+    /// What is added around the object on each side, as a share of its size.
+    pub box_margin: f32,
+}
+
+/// `[export]`: what is written, and how often.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExportConfig {
+    /// Rays per pixel along the matte's edge.
+    pub edge_rays: u32,
+    /// Cells along the longest side of the box when the mesh is cut.
+    pub mesh_resolution: u32,
+    /// Steps between two previews; 0 for none.
+    pub preview_every: u32,
+    /// Steps between two checkpoints; 0 for one at the end only.
+    pub checkpoint_every: u32,
+}

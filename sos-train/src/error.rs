@@ -1,0 +1,71 @@
+//! Whose fault an error is, and what that makes of the exit code.
+
+use crate::config::ConfigError;
+use crate::export::ExportError;
+use crate::prepare::error::PrepareError;
+use crate::report::ReportError;
+use crate::run_folder::RunError;
+use std::path::{Path, PathBuf};
+
+/// All went well.
+pub const EXIT_OK: u8 = 0;
+/// Something in here is broken.
+pub const EXIT_INTERNAL: u8 = 1;
+/// The input, the command line or the disk does not allow what was asked for.
+pub const EXIT_BAD_INPUT: u8 = 2;
+/// Stopped by Ctrl-C.
+pub const EXIT_INTERRUPTED: u8 = 130;
+
+/// A file or folder the user gave is not what it should be.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{}: {what}; {remedy}", path.display())]
+pub struct InputError {
+    /// The file or folder.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub what: String,
+    /// What to do about it.
+    pub remedy: String,
+}
+
+impl InputError {
+    /// An error about `path`.
+    #[must_use]
+    pub fn new(path: &Path, what: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { path: path.to_path_buf(), what: what.into(), remedy: remedy.into() }
+    }
+}
+
+/// The exit code for an error: [`EXIT_BAD_INPUT`] if anything in its chain is about input,
+/// configuration or files, else [`EXIT_INTERNAL`].
+#[must_use]
+pub fn exit_code(error: &anyhow::Error) -> u8 {
+    let users = error.chain().any(|cause| {
+        cause.is::<InputError>()
+            || cause.is::<PrepareError>()
+            || cause.is::<ReportError>()
+            || cause.is::<ConfigError>()
+            || cause.is::<RunError>()
+            || cause.is::<ExportError>()
+            || cause.is::<io_colmap::ColmapError>()
+            || cause.is::<sos_eval::EvalError>()
+            || cause.is::<demo_scene::DemoError>()
+    });
+    if users { EXIT_BAD_INPUT } else { EXIT_INTERNAL }
+}
+
+/// An error with its causes as one line. A cause that the text so far quotes is not repeated.
+#[must_use]
+pub fn sentence(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain() {
+        let cause = cause.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+        if !text.contains(&cause) {
+            if !text.is_empty() {
+                text.push_str(": ");
+            }
+            text.push_str(&cause);
+        }
+    }
+    text
+}

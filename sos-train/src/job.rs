@@ -1,0 +1,47 @@
+//! What training is given and what it comes back with: the seam between the command line and the
+//! training loop.
+
+use crate::config::TrainConfig;
+use crate::run_folder::RunFolder;
+use io_colmap::{MaskSet, Polarity, Scene};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// Everything one call of `train::run` needs.
+#[derive(Debug)]
+pub struct TrainJob {
+    /// Checked with [`TrainConfig::validate`].
+    pub config: TrainConfig,
+    /// The scene's folder.
+    pub scene_dir: PathBuf,
+    /// The folder of coarse masks, if there is one.
+    pub masks_dir: Option<PathBuf>,
+    /// Polarity as stated by the user; `None` where it is to be detected.
+    pub polarity: Option<Polarity>,
+    /// What lies in `scene_dir`, opened and checked.
+    pub scene: Scene,
+    /// What lies in `masks_dir`, found and matched.
+    pub masks: Option<MaskSet>,
+    /// Where everything goes.
+    pub run: RunFolder,
+    /// Go on from the run's checkpoint.
+    pub resume: bool,
+    /// Print nothing but errors.
+    pub quiet: bool,
+    /// Turns true when the user wants to stop: save a checkpoint and return
+    /// [`TrainOutcome::Interrupted`].
+    pub interrupt: Arc<AtomicBool>,
+}
+
+/// How training ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TrainOutcome {
+    /// Trained and exported to the end.
+    Finished,
+    /// Stopped at the user's wish; a checkpoint is saved.
+    Interrupted {
+        /// The step the run goes on from.
+        step: u32,
+    },
+}

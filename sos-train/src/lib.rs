@@ -1,0 +1,49 @@
+//! From posed photos and rough masks to alpha mattes, cut-outs, background plates, normals, depth
+//! and a mesh: the program `sos`, and the library it is made of.
+//!
+//! A run goes through these modules, top to bottom:
+//!
+//! | module | idea |
+//! |---|---|
+//! | [`cli`] | what the user asks for, and how the program answers and ends |
+//! | [`config`] | all settings: presets, files, `--set` |
+//! | [`job`] | the seam: what training is given, what it comes back with |
+//! | [`prepare`] | the object's box, what the masks agree on, a label per pixel |
+//! | [`train`] | the loop: batches, schedules, checkpoints |
+//! | [`render`] | final pictures and the mesh |
+//! | [`run_folder`], [`export`] | where results lie, and how they get there in one piece |
+//! | [`report`] | `report.html` |
+//! | [`progress`], [`error`] | what a person sees meanwhile; whose fault an error is |
+//!
+//! # Example
+//! What `sos train --preset quick --set loss.mask=0.2` starts from:
+//! ```
+//! use sos_train::config::{InputRecord, Preset, RunRecord, TrainConfig};
+//!
+//! let mut config = TrainConfig::preset(Preset::Quick);
+//! config.apply_override("loss.mask=0.2")?;
+//!
+//! // What a run writes is what repeats it.
+//! let input = InputRecord {
+//!     scene: "/photos/cat".into(),
+//!     masks: None,
+//!     polarity: None,
+//!     out: "/runs/cat".into(),
+//!     demo: false,
+//! };
+//! let record = RunRecord::new(config, input);
+//! assert_eq!(RunRecord::from_toml(&record.to_toml()?)?, record);
+//! # Ok::<(), sos_train::config::ConfigError>(())
+//! ```
+
+pub mod cli;
+pub mod config;
+pub mod error;
+pub mod export;
+pub mod job;
+pub mod prepare;
+pub mod progress;
+pub mod render;
+pub mod report;
+pub mod run_folder;
+pub mod train;

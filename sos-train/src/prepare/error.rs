@@ -1,0 +1,45 @@
+//! Why a scene cannot be trained on.
+
+use std::path::PathBuf;
+
+/// What is wrong with a scene, and what to do about it.
+#[derive(Debug, thiserror::Error)]
+pub enum PrepareError {
+    /// Cameras, photos and masks do not fit together.
+    #[error("{0}")]
+    Scene(String),
+    /// A photo or mask that cannot be read.
+    #[error("{}: cannot be read as a picture ({reason}); replace or remove it", path.display())]
+    Photo {
+        /// The file.
+        path: PathBuf,
+        /// What the decoder said.
+        reason: String,
+    },
+    /// A device that this build does not have.
+    #[error("--device {0}: this build has auto, cpu, flex and ndarray; choose one of them")]
+    Device(String),
+    /// What the COLMAP reader said.
+    #[error(transparent)]
+    Colmap(#[from] io_colmap::ColmapError),
+    /// A checkpoint that does not fit.
+    #[error("{}: {what}; train without --resume, or with --force to start again", path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// The object's box holds nothing that can be seen.
+    #[error(
+        "the object's box contains nothing: no ray met anything for {0} steps. The masks may show \
+         different things, or the poses may not belong to the photos"
+    )]
+    Empty(u32),
+    /// Training that came out as not-a-number again and again.
+    #[error(
+        "training diverged at step {0} even at reduced learning rates; try --set \
+         schedule.learning_rate=0.003"
+    )]
+    Diverged(u32),
+}

@@ -1,0 +1,188 @@
+//! Where the object is: the box, from the masks of all views together.
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::frame::Frame;
+use super::view::TrainView;
+use super::votes::{ViewTrust, vote_grid};
+use crate::config::PrepareConfig;
+use super::error::PrepareError;
+
+/// Voxels per axis of the search grid.
+const SEARCH_RESOLUTION: usize = 64;
+/// Half the search cube's side over the object's median apparent radius.
+const SEARCH_RADII: f64 = 3.5;
+
+/// The box, from masks.
+///
+/// The centre is the point closest to the rays through the masks' centroids; the size comes from
+/// their areas; then every voxel of a cube around it collects the masks' votes, and the box is
+/// where the votes agree, with a margin.
+///
+/// # Errors
+/// When no three masks agree on a place.
+pub fn box_from_masks(
+    views: &[TrainView],
+    config: &PrepareConfig,
+) -> Result<Frame, PrepareError> {
+    let outlines: Vec<Outline> = views.iter().filter_map(Outline::of).collect();
+    if outlines.len() < 2 {
+        return Err(PrepareError::Scene(format!(
+            "only {} of {} views have a mask with something in it; at least 2 are needed to find \
+             the object",
+            outlines.len(),
+            views.len()
+        )));
+    }
+    let centre = closest_to_rays(&outlines)?;
+    let mut radii: Vec<f64> = outlines
+        .iter()
+        .map(|o| o.angular_radius * (centre - o.origin).dot(o.forward))
+        .filter(|r| *r > 0.0)
+        .collect();
+    radii.sort_by(f64::total_cmp);
+    let Some(&radius) = radii.get(radii.len() / 2) else {
+        return Err(PrepareError::Scene(
+            "the masks' rays meet behind the cameras; check the poses and the masks' polarity"
+                .into(),
+        ));
+    };
+    let mut frame = Frame { centre, half_side: SEARCH_RADII * radius };
+    let trust = ViewTrust::all(views);
+    // Twice: the second time around what the first found, so that the grid is fine enough.
+    for _ in 0..2 {
+        let votes = vote_grid(views, &frame, SEARCH_RESOLUTION, &trust);
+        let Some((low, high)) = extent(&votes, config.object_threshold) else {
+            return Err(PrepareError::Scene(
+                "the masks do not agree on any place in space; check that they show the same \
+                 object and that their polarity is right (--polarity)"
+                    .into(),
+            ));
+        };
+        let voxel = 2.0 / SEARCH_RESOLUTION as f64;
+        let size = (high - low).max_element() + 2.0 * voxel;
+        let middle = 0.5 * (low + high);
+        frame = Frame {
+            centre: frame.centre + middle * frame.half_side,
+            half_side: 0.5 * size * (1.0 + 2.0 * f64::from(config.box_margin)) * frame.half_side,
+        };
+    }
+    Ok(frame)
+}
+
+/// The box when there is no mask: where the optical axes meet, as wide as the views have in common.
+///
+/// # Errors
+/// When the cameras' axes are parallel.
+pub fn box_from_cameras(views: &[TrainView]) -> Result<Frame, PrepareError> {
+    let outlines: Vec<Outline> = views.iter().filter_map(Outline::of_axis).collect();
+    let centre = closest_to_rays(&outlines)?;
+    let mut distances: Vec<f64> =
+        outlines.iter().map(|o| (centre - o.origin).length() * o.angular_radius).collect();
+    distances.sort_by(f64::total_cmp);
+    let half_side = distances.get(distances.len() / 2).copied().unwrap_or(1.0);
+    Ok(Frame { centre, half_side })
+}
+
+/// What one mask says about direction and size.
+struct Outline {
+    origin: DVec3,
+    direction: DVec3,
+    forward: DVec3,
+    angular_radius: f64,
+}
+
+impl Outline {
+    fn of(view: &TrainView) -> Option<Self> {
+        let mask = view.mask.as_ref()?;
+        let (mut area, mut x, mut y) = (0u64, 0.0, 0.0);
+        for (px, py, value) in mask.enumerate_pixels() {
+            if value.0[0] >= 128 {
+                area += 1;
+                x += f64::from(px) + 0.5;
+                y += f64::from(py) + 0.5;
+            }
+        }
+        if area < 16 {
+            return None;
+        }
+        let n = area as f64;
+        Self::through(view, glam::DVec2::new(x / n, y / n), (n / std::f64::consts::PI).sqrt())
+    }
+
+    fn of_axis(view: &TrainView) -> Option<Self> {
+        let (w, h) = (f64::from(view.width()), f64::from(view.height()));
+        Self::through(view, glam::DVec2::new(0.5 * w, 0.5 * h), 0.3 * w.min(h))
+    }
+
+    fn through(view: &TrainView, pixel: glam::DVec2, radius: f64) -> Option<Self> {
+        let world_from_camera = view.camera_from_world.inverse();
+        let direction = view.lens.0.unproject(pixel)?;
+        let (fx, fy) = view.lens.0.focal();
+        Some(Self {
+            origin: view.camera_from_world.centre(),
+            direction: world_from_camera.transform_vector(direction).normalize(),
+            forward: world_from_camera.transform_vector(DVec3::Z),
+            angular_radius: radius / (fx * fy).sqrt(),
+        })
+    }
+}
+
+/// The point with the least sum of distances to all rays, by reweighted least squares: a few views
+/// whose mask shows something else hardly move it.
+fn closest_to_rays(outlines: &[Outline]) -> Result<DVec3, PrepareError> {
+    let mut weights = vec![1.0; outlines.len()];
+    let mut point = DVec3::ZERO;
+    for _ in 0..20 {
+        let (mut a, mut b) = (DMat3::ZERO, DVec3::ZERO);
+        for (o, weight) in outlines.iter().zip(&weights) {
+            let d = o.direction;
+            let across = DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z);
+            a += across * *weight;
+            b += across * o.origin * *weight;
+        }
+        // Parallel rays leave the matrix singular: nothing says how far away the object is.
+        let total: f64 = weights.iter().sum();
+        if a.determinant().abs() < 1e-9 * total.powi(3) {
+            return Err(PrepareError::Scene(
+                "all cameras look the same way from the same line: their rays do not meet. Take \
+                 photos from different sides"
+                    .into(),
+            ));
+        }
+        point = a.inverse() * b;
+        for (o, weight) in outlines.iter().zip(&mut weights) {
+            let to = point - o.origin;
+            let along = to.dot(o.direction);
+            let off = (to - along * o.direction).length() / along.abs().max(1e-12);
+            let behind = if along < 0.0 { 0.01 } else { 1.0 };
+            *weight = behind / off.max(0.01);
+        }
+    }
+    Ok(point)
+}
+
+/// Bounds, in `[-1, 1]`, of the voxels whose vote reaches `threshold`, without stragglers.
+fn extent(votes: &[f32], threshold: f32) -> Option<(DVec3, DVec3)> {
+    let n = SEARCH_RESOLUTION;
+    let counts: Vec<[usize; 3]> = votes
+        .par_iter()
+        .enumerate()
+        .filter(|(_, vote)| **vote >= threshold)
+        .map(|(i, _)| [i % n, i / n % n, i / (n * n)])
+        .collect();
+    if counts.is_empty() {
+        return None;
+    }
+    let (mut low, mut high) = (DVec3::ZERO, DVec3::ZERO);
+    for axis in 0..3 {
+        let mut along: Vec<usize> = counts.iter().map(|c| c[axis]).collect();
+        along.sort_unstable();
+        let skip = along.len() / 1000;
+        let at = |i: usize| 2.0 * i as f64 / n as f64 - 1.0;
+        low[axis] = at(along[skip]);
+        high[axis] = at(along[along.len() - 1 - skip] + 1);
+    }
+    Some((low, high))
+}

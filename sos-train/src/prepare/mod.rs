@@ -1,0 +1,114 @@
+//! From photos and rough masks to what training needs: box, probability map, labels.
+
+pub mod error;
+pub mod frame;
+pub mod locate;
+pub mod outline;
+pub mod view;
+pub mod votes;
+
+use image::GrayImage;
+use scene_decomp::probability::ProbabilityMap;
+
+pub use frame::Frame;
+pub use outline::{Label, Outline};
+pub use view::TrainView;
+
+use crate::config::PrepareConfig;
+use error::PrepareError;
+use votes::{ViewTrust, vote_grid};
+
+/// Voxels per axis of m^P.
+const MAP_RESOLUTION: usize = 128;
+/// Radius, in the normalised frame, of the ball that stands in for masks when there are none.
+const DEFAULT_BALL: f32 = 0.7;
+
+/// A scene, ready to train on.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The photos.
+    pub views: Vec<TrainView>,
+    /// Between the scene's frame and the normalised one.
+    pub frame: Frame,
+    /// m^P over the box.
+    pub map: ProbabilityMap,
+    /// Labels per view.
+    pub outlines: Vec<Outline>,
+    /// What a user should know about the choices made, a sentence each.
+    pub notes: Vec<String>,
+}
+
+/// Finds the object's box, lets the masks vote on space, and labels every pixel.
+///
+/// # Errors
+/// When masks or cameras do not determine a box.
+pub fn prepare(views: Vec<TrainView>, config: &PrepareConfig, ignore_band: f32) -> Result<Prepared, PrepareError> {
+    let mut notes = Vec::new();
+    let masked = views.iter().filter(|v| v.mask.is_some()).count();
+    let stride = 2;
+    let (frame, map, trust) = if masked > 0 {
+        let frame = locate::box_from_masks(&views, config)?;
+        let first = ProbabilityMap::new(
+            MAP_RESOLUTION,
+            vote_grid(&views, &frame, MAP_RESOLUTION, &ViewTrust::all(&views)),
+        );
+        let silhouettes = silhouettes(&views, &frame, &first, 4);
+        let trust = outline::trust_masks(&views, &silhouettes, 4, config.object_threshold);
+        let doubted: Vec<&str> = views
+            .iter()
+            .zip(&trust.0)
+            .filter(|(view, trust)| view.mask.is_some() && **trust < 0.5)
+            .map(|(view, _)| view.name.as_str())
+            .collect();
+        if !doubted.is_empty() {
+            notes.push(format!(
+                "{} masks contradict the others and are set aside: {}",
+                doubted.len(),
+                doubted.join(", ")
+            ));
+        }
+        let votes = vote_grid(&views, &frame, MAP_RESOLUTION, &trust);
+        (frame, ProbabilityMap::new(MAP_RESOLUTION, votes), trust)
+    } else {
+        notes.push(
+            "no masks: the object is taken to be what stands where the cameras look".to_string(),
+        );
+        let frame = locate::box_from_cameras(&views)?;
+        let ball = (0..MAP_RESOLUTION.pow(3))
+            .map(|cell| {
+                let r = ProbabilityMap::centre(MAP_RESOLUTION, cell).length();
+                ((DEFAULT_BALL - r) * 4.0 + 0.5).clamp(0.0, 1.0)
+            })
+            .collect();
+        (frame, ProbabilityMap::new(MAP_RESOLUTION, ball), ViewTrust(vec![0.0; views.len()]))
+    };
+    notes.push(format!(
+        "object box: centre ({:.4}, {:.4}, {:.4}), side {:.4} in the scene's unit",
+        frame.centre.x,
+        frame.centre.y,
+        frame.centre.z,
+        2.0 * frame.half_side
+    ));
+    let silhouettes = silhouettes(&views, &frame, &map, stride);
+    let outlines = views
+        .iter()
+        .zip(&silhouettes)
+        .zip(&trust.0)
+        .map(|((view, silhouette), &trust)| {
+            let area = silhouette.pixels().filter(|p| p.0[0] >= 128).count() as f32;
+            let size = 2.0 * (area / std::f32::consts::PI).sqrt() * stride as f32;
+            let band = (0.5 * ignore_band * size).round().max(1.0) as u32;
+            outline::outline(view, silhouette, stride, trust, band, config)
+        })
+        .collect();
+    Ok(Prepared { views, frame, map, outlines, notes })
+}
+
+fn silhouettes(
+    views: &[TrainView],
+    frame: &Frame,
+    map: &ProbabilityMap,
+    stride: u32,
+) -> Vec<GrayImage> {
+    views.iter().map(|view| outline::silhouette(view, frame, map, stride)).collect()
+}

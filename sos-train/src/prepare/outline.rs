@@ -1,0 +1,224 @@
+//! What every pixel is taken for at the start: object, background, or not to be relied on.
+
+use glam::Vec2;
+use image::GrayImage;
+use neus_render::intersect::{Aabb, ray_box};
+use rayon::prelude::*;
+use scene_decomp::probability::ProbabilityMap;
+
+use super::frame::Frame;
+use super::view::TrainView;
+use super::votes::ViewTrust;
+use crate::config::PrepareConfig;
+
+/// What a pixel is taken for. One byte per pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Label {
+    /// Own mask and the other views agree: background, and fit to teach BaCo by itself.
+    Background = 0,
+    /// The own mask says background, the other views say object: missing, or occluded.
+    DoubtfulBackground = 1,
+    /// On the coarse edge, or nobody knows.
+    Unknown = 2,
+    /// The own mask says object, the other views say background.
+    DoubtfulObject = 3,
+    /// Own mask and the other views agree: object.
+    Object = 4,
+}
+
+impl Label {
+    /// Mask target in `[0, 1]` and its weight.
+    #[must_use]
+    pub fn target(self) -> (f32, f32) {
+        match self {
+            Self::Background => (0.0, 1.0),
+            Self::DoubtfulBackground => (0.0, 0.3),
+            Self::Unknown => (0.0, 0.0),
+            Self::DoubtfulObject => (1.0, 0.3),
+            Self::Object => (1.0, 1.0),
+        }
+    }
+
+    fn from_byte(byte: u8) -> Self {
+        match byte {
+            0 => Self::Background,
+            1 => Self::DoubtfulBackground,
+            3 => Self::DoubtfulObject,
+            4 => Self::Object,
+            _ => Self::Unknown,
+        }
+    }
+}
+
+/// The labels of one view, and the pixels where the object can be.
+#[derive(Clone, Debug)]
+pub struct Outline {
+    width: u32,
+    labels: Vec<u8>,
+    /// Pixels, row-major numbers, whose ray meets space that may hold the object.
+    pub candidates: Vec<u32>,
+}
+
+impl Outline {
+    /// The label of a pixel.
+    #[must_use]
+    pub fn label(&self, x: u32, y: u32) -> Label {
+        Label::from_byte(self.labels[(y * self.width + x) as usize])
+    }
+}
+
+/// The largest m^P on each pixel's ray, 8 bit, at a `1 / stride` of the photo's size.
+#[must_use]
+pub fn silhouette(
+    view: &TrainView,
+    frame: &Frame,
+    map: &ProbabilityMap,
+    stride: u32,
+) -> GrayImage {
+    let world_from_camera = view.world_from_camera(frame);
+    let (w, h) = (view.width().div_ceil(stride), view.height().div_ceil(stride));
+    let step = 1.0 / map.resolution() as f32;
+    let unit = Aabb::UNIT;
+    let rows: Vec<u8> = (0..w * h)
+        .into_par_iter()
+        .map(|i| {
+            let pixel = Vec2::new((i % w) as f32 + 0.5, (i / w) as f32 + 0.5) * stride as f32;
+            let Some(ray) = view.ray(&world_from_camera, pixel) else { return 0 };
+            let Some(span) = ray_box(&ray, &unit) else { return 0 };
+            let (mut t, mut best) = (span.near.max(0.0) + 0.5 * step, 0.0f32);
+            while t < span.far && best < 0.995 {
+                best = best.max(map.at(ray.at(t)));
+                t += step;
+            }
+            (255.0 * best + 0.5) as u8
+        })
+        .collect();
+    GrayImage::from_raw(w, h, rows).unwrap_or_default()
+}
+
+/// How far each mask is believed: by its overlap with what the others say, relative to the median.
+#[must_use]
+pub fn trust_masks(views: &[TrainView], silhouettes: &[GrayImage], stride: u32, threshold: f32) -> ViewTrust {
+    let limit = (255.0 * threshold) as u8;
+    let overlaps: Vec<Option<f32>> = views
+        .par_iter()
+        .zip(silhouettes)
+        .map(|(view, silhouette)| {
+            let mask = view.mask.as_ref()?;
+            let (mut both, mut either) = (0u32, 0u32);
+            for (x, y, value) in silhouette.enumerate_pixels() {
+                let mx = (x * stride + stride / 2).min(mask.width() - 1);
+                let my = (y * stride + stride / 2).min(mask.height() - 1);
+                let own = mask.get_pixel(mx, my).0[0] >= 128;
+                let others = value.0[0] >= limit;
+                both += u32::from(own && others);
+                either += u32::from(own || others);
+            }
+            Some(both as f32 / either.max(1) as f32)
+        })
+        .collect();
+    let mut sorted: Vec<f32> = overlaps.iter().flatten().copied().collect();
+    sorted.sort_by(f32::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(1.0).max(1e-3);
+    ViewTrust(
+        overlaps
+            .iter()
+            .map(|overlap| match overlap {
+                Some(overlap) => ((overlap / median - 0.5) / 0.3).clamp(0.0, 1.0),
+                None => 0.0,
+            })
+            .collect(),
+    )
+}
+
+/// Labels of one view. `band` is half the width of the distrusted band along the own mask's edge.
+#[must_use]
+pub fn outline(
+    view: &TrainView,
+    silhouette: &GrayImage,
+    stride: u32,
+    trust: f32,
+    band: u32,
+    config: &PrepareConfig,
+) -> Outline {
+    let (width, height) = (view.width(), view.height());
+    let mask = view.mask.as_ref().filter(|_| trust >= 0.5);
+    let edge = mask.map(|mask| near_edge(mask, band));
+    let mut labels = vec![0u8; (width * height) as usize];
+    let mut candidates = Vec::new();
+    for y in 0..height {
+        for x in 0..width {
+            let i = (y * width + x) as usize;
+            let hull = bilinear(silhouette, (x as f32 + 0.5) / stride as f32, (y as f32 + 0.5) / stride as f32);
+            if hull >= config.hull_threshold {
+                candidates.push(i as u32);
+            }
+            let likely = hull >= config.object_threshold;
+            let label = if hull < config.hull_threshold {
+                Label::Background
+            } else {
+                match mask {
+                    Some(_) if edge.as_ref().is_some_and(|edge| edge[i]) => Label::Unknown,
+                    Some(mask) => match (mask.get_pixel(x, y).0[0] >= 128, likely) {
+                        (true, true) => Label::Object,
+                        (true, false) => Label::DoubtfulObject,
+                        (false, true) => Label::DoubtfulBackground,
+                        (false, false) => Label::Background,
+                    },
+                    None if hull >= config.crop_threshold => Label::DoubtfulObject,
+                    None => Label::Unknown,
+                }
+            };
+            labels[i] = label as u8;
+        }
+    }
+    Outline { width, labels, candidates }
+}
+
+/// Value in `[0, 1]` at a position in pixels, between pixel centres.
+fn bilinear(image: &GrayImage, x: f32, y: f32) -> f32 {
+    let clamp = |v: i64, n: u32| v.clamp(0, i64::from(n) - 1) as u32;
+    let (fx, fy) = (x - 0.5, y - 0.5);
+    let (x0, y0) = (fx.floor() as i64, fy.floor() as i64);
+    let (tx, ty) = (fx - fx.floor(), fy - fy.floor());
+    let at = |dx: i64, dy: i64| {
+        let p = image.get_pixel(clamp(x0 + dx, image.width()), clamp(y0 + dy, image.height()));
+        f32::from(p.0[0]) / 255.0
+    };
+    let top = at(0, 0) + tx * (at(1, 0) - at(0, 0));
+    let bottom = at(0, 1) + tx * (at(1, 1) - at(0, 1));
+    top + ty * (bottom - top)
+}
+
+/// Pixels within `band` (in the sense of a square window) of a pixel of the other kind.
+fn near_edge(mask: &GrayImage, band: u32) -> Vec<bool> {
+    let (w, h) = (mask.width() as usize, mask.height() as usize);
+    let inside: Vec<bool> = mask.pixels().map(|p| p.0[0] >= 128).collect();
+    let band = band as usize;
+    // Counts of object pixels in windows, first along rows, then along columns.
+    let window = |values: &[u32], length: usize, lines: usize, at: &dyn Fn(usize, usize) -> usize| {
+        let mut sums = vec![0u32; values.len()];
+        for line in 0..lines {
+            let mut prefix = vec![0u32; length + 1];
+            for i in 0..length {
+                prefix[i + 1] = prefix[i] + values[at(line, i)];
+            }
+            for i in 0..length {
+                sums[at(line, i)] = prefix[(i + band + 1).min(length)] - prefix[i.saturating_sub(band)];
+            }
+        }
+        sums
+    };
+    let ones: Vec<u32> = inside.iter().map(|b| u32::from(*b)).collect();
+    let rows = window(&ones, w, h, &|line, i| line * w + i);
+    let sums = window(&rows, h, w, &|line, i| i * w + line);
+    (0..w * h)
+        .map(|i| {
+            let (x, y) = (i % w, i / w);
+            let span = |p: usize, n: usize| ((p + band + 1).min(n) - p.saturating_sub(band)) as u32;
+            let full = span(x, w) * span(y, h);
+            sums[i] > 0 && sums[i] < full
+        })
+        .collect()
+}

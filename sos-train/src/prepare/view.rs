@@ -1,0 +1,136 @@
+//! A posed photo and its rough mask, as training and rendering use them.
+
+use std::path::Path;
+
+use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3, Vec3A};
+use image::{GrayImage, RgbImage};
+use io_colmap::{Camera, MaskSet, Pose, Scene};
+use neus_render::rays::{Projection, Ray};
+use rayon::prelude::*;
+
+use super::frame::Frame;
+use super::error::PrepareError;
+
+/// A lens, as the renderer asks for it.
+#[derive(Clone, Debug)]
+pub struct Lens(pub Camera);
+
+impl Projection for Lens {
+    fn unproject(&self, pixel: Vec2) -> Option<Vec3> {
+        self.0.unproject(pixel.as_dvec2()).map(|d| d.as_vec3())
+    }
+
+    fn project(&self, point: Vec3) -> Option<Vec2> {
+        self.0.project(point.as_dvec3()).map(|p| p.as_vec2())
+    }
+}
+
+/// One photo of the scene.
+#[derive(Clone, Debug)]
+pub struct TrainView {
+    /// The photo's name as the model has it, with subfolders.
+    pub name: String,
+    /// The lens at the photo's size.
+    pub lens: Lens,
+    /// Pose in the scene's own frame.
+    pub camera_from_world: Pose,
+    /// The photo, 8-bit sRGB.
+    pub photo: RgbImage,
+    /// The rough mask, white is the object, where there is one.
+    pub mask: Option<GrayImage>,
+}
+
+impl TrainView {
+    /// Pixels across.
+    #[must_use]
+    pub fn width(&self) -> u32 {
+        self.photo.width()
+    }
+
+    /// Pixels down.
+    #[must_use]
+    pub fn height(&self) -> u32 {
+        self.photo.height()
+    }
+
+    /// Where a point of the scene's frame lies in the photo, and its depth; `None` outside it.
+    #[must_use]
+    pub fn project(&self, world: DVec3) -> Option<(Vec2, f32)> {
+        let p = self.camera_from_world.transform_point(world);
+        if p.z <= 0.0 {
+            return None;
+        }
+        let pixel = self.lens.0.project(p)?.as_vec2();
+        let inside = pixel.x >= 0.0
+            && pixel.y >= 0.0
+            && pixel.x < self.width() as f32
+            && pixel.y < self.height() as f32;
+        inside.then_some((pixel, p.z as f32))
+    }
+
+    /// Pose in the normalised frame.
+    #[must_use]
+    pub fn world_from_camera(&self, frame: &Frame) -> Affine3A {
+        let inverse = self.camera_from_world.inverse();
+        let rotation = Mat3A::from_quat(inverse.rotation.as_quat());
+        let centre = frame.normalised_from_world(self.camera_from_world.centre());
+        Affine3A {
+            matrix3: rotation,
+            translation: Vec3A::from(centre),
+        }
+    }
+
+    /// The ray through a pixel position, in the normalised frame.
+    #[must_use]
+    pub fn ray(&self, world_from_camera: &Affine3A, pixel: Vec2) -> Option<Ray> {
+        let direction = self.lens.unproject(pixel)?;
+        Ray::new(
+            world_from_camera.translation.into(),
+            world_from_camera.transform_vector3(direction),
+        )
+    }
+}
+
+/// Reads every registered photo and its mask.
+///
+/// # Errors
+/// When a photo or a mask can't be read.
+pub fn load_views(scene: &Scene, masks: Option<&MaskSet>) -> Result<Vec<TrainView>, PrepareError> {
+    scene
+        .model
+        .views
+        .par_iter()
+        .enumerate()
+        .map(|(i, view)| {
+            let path = scene.image_path(view);
+            let photo = read_photo(&path)?;
+            let mask = match masks {
+                Some(masks) => masks.load(i, photo.width(), photo.height())?,
+                None => None,
+            };
+            let camera = scene.model.cameras.get(&view.camera_id).ok_or_else(|| {
+                PrepareError::Scene(format!(
+                    "{}: the model has no camera {}; export it again",
+                    view.name, view.camera_id
+                ))
+            })?;
+            Ok(TrainView {
+                name: view.name.clone(),
+                lens: Lens(camera.scaled_to(photo.width(), photo.height())),
+                camera_from_world: view.camera_from_world,
+                photo,
+                mask,
+            })
+        })
+        .collect()
+}
+
+fn read_photo(path: &Path) -> Result<RgbImage, PrepareError> {
+    match image::open(path) {
+        Ok(image) => Ok(image.into_rgb8()),
+        Err(error) => Err(PrepareError::Photo {
+            path: path.to_path_buf(),
+            reason: error.to_string(),
+        }),
+    }
+}

@@ -1,0 +1,53 @@
+//! Votes of many masks on points of space: the soft visual hull.
+
+use rayon::prelude::*;
+use scene_decomp::probability::ProbabilityMap;
+
+use super::frame::Frame;
+use super::view::TrainView;
+
+/// How far each view's mask is believed, in `[0, 1]`; a view without a mask has 0.
+#[derive(Clone, Debug)]
+pub struct ViewTrust(pub Vec<f32>);
+
+impl ViewTrust {
+    /// Full trust in every mask there is.
+    #[must_use]
+    pub fn all(views: &[TrainView]) -> Self {
+        Self(views.iter().map(|v| f32::from(u8::from(v.mask.is_some()))).collect())
+    }
+}
+
+/// The trusted share of masks that say "object" at each voxel's centre, `[resolution^3]`, x fastest.
+///
+/// Only views that have the voxel in the picture are asked; a voxel that fewer than three of them
+/// see (or a third of all, where there are fewer than nine) gets 0.
+#[must_use]
+pub fn vote_grid(
+    views: &[TrainView],
+    frame: &Frame,
+    resolution: usize,
+    trust: &ViewTrust,
+) -> Vec<f32> {
+    let masked = trust.0.iter().filter(|t| **t > 0.0).count();
+    let enough = masked.div_ceil(3).min(3);
+    (0..resolution.pow(3))
+        .into_par_iter()
+        .map(|cell| {
+            let world = frame.world_from_normalised(ProbabilityMap::centre(resolution, cell));
+            let (mut sum, mut total, mut seen) = (0.0, 0.0, 0);
+            for (view, &trust) in views.iter().zip(&trust.0) {
+                let Some(mask) = &view.mask else { continue };
+                if trust <= 0.0 {
+                    continue;
+                }
+                let Some((pixel, _)) = view.project(world) else { continue };
+                let value = mask.get_pixel(pixel.x as u32, pixel.y as u32).0[0];
+                sum += trust * f32::from(value) / 255.0;
+                total += trust;
+                seen += 1;
+            }
+            if seen < enough || total <= 0.0 { 0.0 } else { sum / total }
+        })
+        .collect()
+}

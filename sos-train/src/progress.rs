@@ -1,0 +1,282 @@
+//! What a person sees while a run goes on, and how they stop it.
+//!
+//! On a terminal a bar with the time left; elsewhere, as in a log file, a line every ten seconds;
+//! with `--quiet` nothing. All of it goes to standard error.
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{IsTerminal as _, Write as _};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Time between two lines where there is no terminal.
+const LINE_EVERY: Duration = Duration::from_secs(10);
+/// The bar is redrawn at most this often a second.
+const DRAWS_PER_SECOND: u8 = 5;
+const TEMPLATE: &str = "{prefix} {bar:24} {pos}/{len}  {wide_msg}";
+
+/// The state of training, as far as it is worth a person's attention.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ProgressState {
+    /// Steps done.
+    pub step: u32,
+    /// Of recent rays, in dB.
+    pub psnr: f32,
+    /// Mean change of the mattes since they were last looked at, 0..1; `None` between two looks.
+    pub alpha_change: Option<f32>,
+    /// Samples of both fields per second.
+    pub samples_per_second: f32,
+}
+
+/// Shows how training goes.
+#[derive(Debug)]
+pub struct Progress {
+    mode: Mode,
+    steps: u32,
+    training: Mutex<Training>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mode {
+    Silent,
+    Bar,
+    Lines,
+}
+
+#[derive(Debug, Default)]
+struct Training {
+    meter: Option<Meter>,
+    /// The last one looked at.
+    alpha_change: Option<f32>,
+}
+
+impl Progress {
+    /// Silent if `quiet`, else a bar on a terminal and lines elsewhere. `steps` are those of the
+    /// whole run.
+    #[must_use]
+    pub fn new(quiet: bool, steps: u32) -> Self {
+        let mode = match (quiet, std::io::stderr().is_terminal()) {
+            (true, _) => Mode::Silent,
+            (false, true) => Mode::Bar,
+            (false, false) => Mode::Lines,
+        };
+        Self { mode, steps, training: Mutex::default() }
+    }
+
+    /// Shows the state of training. The first call tells where a resumed run starts.
+    pub fn update(&self, state: &ProgressState) {
+        let mut training = lock(&self.training);
+        training.alpha_change = state.alpha_change.or(training.alpha_change);
+        let mut parts = vec![format!("PSNR {:.1} dB", state.psnr)];
+        if let Some(change) = training.alpha_change {
+            parts.push(format!("alpha change {:.2} %", 100.0 * change));
+        }
+        parts.push(format!("{} samples/s", short(state.samples_per_second)));
+        let (done, total) = (u64::from(state.step), u64::from(self.steps));
+        let meter =
+            training.meter.get_or_insert_with(|| Meter::new(self.mode, "training", done, total));
+        meter.show(done, &parts);
+        if done >= total {
+            training.meter = None;
+        }
+    }
+
+    /// Says something without disturbing the bar; nothing if quiet.
+    pub fn note(&self, text: &str) {
+        if self.mode != Mode::Silent {
+            self.print(text);
+        }
+    }
+
+    /// Says something that matters even if quiet.
+    pub fn warn(&self, text: &str) {
+        self.print(&format!("warning: {text}"));
+    }
+
+    /// Begins a stage of `parts` parts other than training; it ends when it is dropped.
+    #[must_use]
+    pub fn stage(&self, label: &str, parts: usize) -> Stage {
+        lock(&self.training).meter = None;
+        Stage(Mutex::new(Meter::new(self.mode, label, 0, parts as u64)))
+    }
+
+    fn print(&self, text: &str) {
+        match &lock(&self.training).meter {
+            Some(meter) => meter.bar.suspend(|| line(text)),
+            None => line(text),
+        }
+    }
+}
+
+/// A stage of a run other than training. Can be shared between threads.
+#[derive(Debug)]
+pub struct Stage(Mutex<Meter>);
+
+impl Stage {
+    /// Counts one more part as done.
+    pub fn advance(&self) {
+        let mut meter = lock(&self.0);
+        let done = meter.done + 1;
+        meter.show(done, &[]);
+    }
+}
+
+/// How far something is. When dropped, it leaves a line with the time it took.
+#[derive(Debug)]
+struct Meter {
+    mode: Mode,
+    label: String,
+    bar: ProgressBar,
+    /// Where this session started: a resumed run has not done the rest now.
+    first: u64,
+    done: u64,
+    total: u64,
+    begun: Instant,
+    last_line: Option<Instant>,
+}
+
+impl Meter {
+    fn new(mode: Mode, label: &str, first: u64, total: u64) -> Self {
+        let bar = if mode == Mode::Bar {
+            let target = ProgressDrawTarget::stderr_with_hz(DRAWS_PER_SECOND);
+            let bar = ProgressBar::with_draw_target(Some(total), target);
+            // A test makes sure that the template is valid.
+            let style = ProgressStyle::with_template(TEMPLATE)
+                .unwrap_or_else(|_| ProgressStyle::default_bar());
+            bar.set_style(style.progress_chars("━╸─"));
+            bar.set_prefix(label.to_owned());
+            bar.set_position(first);
+            bar
+        } else {
+            ProgressBar::hidden()
+        };
+        Self {
+            mode,
+            label: label.to_owned(),
+            bar,
+            first,
+            done: first,
+            total,
+            begun: Instant::now(),
+            last_line: None,
+        }
+    }
+
+    fn show(&mut self, done: u64, parts: &[String]) {
+        self.done = done;
+        let left = self.left();
+        let parts: Vec<&str> = left.iter().chain(parts).map(String::as_str).collect();
+        match self.mode {
+            Mode::Silent => {}
+            Mode::Bar => {
+                self.bar.set_position(done);
+                self.bar.set_message(parts.join(", "));
+            }
+            Mode::Lines => {
+                if self.last_line.is_none_or(|last| last.elapsed() >= LINE_EVERY) {
+                    self.last_line = Some(Instant::now());
+                    let count = format!("{} {done}/{}", self.label, self.total);
+                    line(&[&[count.as_str()], parts.as_slice()].concat().join(", "));
+                }
+            }
+        }
+    }
+
+    /// "4 min 10 s left", once there is something to go by.
+    fn left(&self) -> Option<String> {
+        let done = self.done.checked_sub(self.first).filter(|done| *done > 0)?;
+        let seconds = self.begun.elapsed().as_secs_f64() / done as f64
+            * self.total.saturating_sub(self.done) as f64;
+        Some(format!("{} left", duration(Duration::try_from_secs_f64(seconds).ok()?)))
+    }
+}
+
+impl Drop for Meter {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+        if self.mode != Mode::Silent {
+            let time = duration(self.begun.elapsed());
+            line(&format!("{} {}/{}, {time}", self.label, self.done, self.total));
+        }
+    }
+}
+
+/// Sets the flag at the first Ctrl-C (or SIGTERM), and ends the program at the second.
+///
+/// # Errors
+/// If the system refuses, or a handler is installed already.
+pub fn watch_interrupt(flag: Arc<AtomicBool>) -> Result<(), ctrlc::Error> {
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::SeqCst) {
+            line("stopped at once; the run is as of its last checkpoint");
+            std::process::exit(i32::from(crate::error::EXIT_INTERRUPTED));
+        }
+        line("stopping after this step and saving a checkpoint; Ctrl-C again stops at once");
+    })
+}
+
+/// A time as a person says it.
+#[must_use]
+pub fn duration(time: Duration) -> String {
+    let seconds = time.as_secs_f64();
+    let whole = seconds.round() as u64;
+    match whole {
+        0..10 => format!("{seconds:.1} s"),
+        10..60 => format!("{whole} s"),
+        60..3600 => format!("{} min {:02} s", whole / 60, whole % 60),
+        _ => format!("{} h {:02} min", whole / 3600, whole / 60 % 60),
+    }
+}
+
+/// 1.2 M, 350 k.
+pub(crate) fn short(value: f32) -> String {
+    match value {
+        v if v >= 1e6 => format!("{:.1} M", v / 1e6),
+        v if v >= 1e3 => format!("{:.0} k", v / 1e3),
+        v => format!("{v:.0}"),
+    }
+}
+
+/// A closed standard error is no reason to stop a run.
+fn line(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_and_rates_read_well() {
+        for (seconds, text) in [
+            (0.04, "0.0 s"),
+            (9.4, "9.4 s"),
+            (59.4, "59 s"),
+            (59.6, "1 min 00 s"),
+            (250.0, "4 min 10 s"),
+            (3700.0, "1 h 01 min"),
+        ] {
+            assert_eq!(duration(Duration::from_secs_f64(seconds)), text);
+        }
+        assert_eq!(short(1_234_567.0), "1.2 M");
+        assert_eq!(short(350_000.0), "350 k");
+    }
+
+    #[test]
+    fn the_template_is_valid() {
+        assert!(ProgressStyle::with_template(TEMPLATE).is_ok());
+    }
+
+    #[test]
+    fn a_resumed_run_judges_the_time_left_by_this_session() {
+        let mut meter = Meter::new(Mode::Silent, "training", 900, 1000);
+        assert_eq!(meter.left(), None);
+        meter.begun -= Duration::from_secs(10);
+        meter.done = 910;
+        assert_eq!(meter.left().as_deref(), Some("1 min 30 s left"));
+    }
+}

@@ -1,0 +1,208 @@
+//! All pictures of one view, at the photo's own size.
+
+use glam::{Vec2, Vec3};
+use neus_render::rays::Ray;
+
+use super::rays::{FrozenScene, RenderedRay};
+use super::survey::Survey;
+use crate::export::ViewRender;
+use crate::prepare::Prepared;
+
+/// Mattes that differ by more than this from a neighbour's make an edge.
+const EDGE: f32 = 0.05;
+/// How far around the object the plate is taken from BaCo instead of the photo, in pixels.
+const PLATE_REACH: i32 = 3;
+
+/// Renders view `index`.
+#[must_use]
+pub fn render_view(scene: &FrozenScene, data: &Prepared, survey: &Survey, index: usize) -> ViewRender {
+    let view = &data.views[index];
+    let (width, height) = (view.width(), view.height());
+    let pixels = (width * height) as usize;
+    let world_from_camera = view.world_from_camera(&data.frame);
+    let ray_at = |pixel: Vec2| view.ray(&world_from_camera, pixel);
+    let centre = |i: u32| Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+
+    // Only where the object can be: elsewhere its matte is zero and the plate is the photo.
+    let (mut at, mut rays) = (Vec::new(), Vec::new());
+    for &i in &grown(&data.outlines[index].candidates, width, height, PLATE_REACH) {
+        if let Some(ray) = ray_at(centre(i)) {
+            at.push(i);
+            rays.push(ray);
+        }
+    }
+    let rendered = scene.render(&rays);
+    let mut alpha = vec![0.0f32; pixels];
+    let mut hits: Vec<Option<usize>> = vec![None; pixels];
+    for (k, (&i, hit)) in at.iter().zip(&rendered).enumerate() {
+        alpha[i as usize] = hit.matte;
+        hits[i as usize] = Some(k);
+    }
+    supersample(scene, &ray_at, &at, width, height, &mut alpha);
+
+    let reach = reach_of(&alpha, width, height);
+    let mut out = ViewRender {
+        name: view.name.clone(),
+        width,
+        height,
+        foreground: vec![[0.0; 3]; pixels],
+        background: vec![[0.0; 3]; pixels],
+        seen: vec![0; pixels],
+        normal: vec![[0.0; 3]; pixels],
+        depth: vec![0.0; pixels],
+        alpha,
+    };
+    let normals = object_normals(scene, &rays, &rendered);
+    let all = data.views.len().min(255) as u8;
+    for i in 0..pixels {
+        let photo = photo_colour(view.photo.as_raw(), i);
+        let Some(k) = hits[i] else {
+            out.foreground[i] = photo.to_array();
+            out.background[i] = photo.to_array();
+            out.seen[i] = all;
+            continue;
+        };
+        let hit = &rendered[k];
+        let share = reach[i];
+        let plate = photo.lerp(hit.background, share);
+        out.background[i] = plate.to_array();
+        out.seen[i] = if share > 0.0 {
+            survey.seen(data, &rays[k], hit.background_distance)
+        } else {
+            all
+        };
+        out.foreground[i] = decontaminated(photo, hit, out.alpha[i]).to_array();
+        if hit.object_distance > 0.0 && out.alpha[i] > 0.05 {
+            out.normal[i] = normals[k].to_array();
+            let point = data.frame.world_from_normalised(rays[k].at(hit.object_distance));
+            out.depth[i] = view.camera_from_world.transform_point(point).z as f32;
+        }
+    }
+    out
+}
+
+fn photo_colour(raw: &[u8], i: usize) -> Vec3 {
+    let c = &raw[3 * i..3 * i + 3];
+    Vec3::new(f32::from(c[0]), f32::from(c[1]), f32::from(c[2])) / 255.0
+}
+
+/// The object's own colour behind a soft edge: `F = (C - (1 - a) B) / a`, where that is determined.
+///
+/// With little alpha the division only amplifies noise, and the rendered colour takes over.
+fn decontaminated(photo: Vec3, hit: &RenderedRay, alpha: f32) -> Vec3 {
+    if alpha >= 0.995 {
+        return photo;
+    }
+    if alpha < 1.0 / 512.0 {
+        return hit.object;
+    }
+    let solved = ((photo - (1.0 - alpha) * hit.background) / alpha).clamp(Vec3::ZERO, Vec3::ONE);
+    hit.object.lerp(solved, ((alpha - 0.3) / 0.6).clamp(0.0, 1.0))
+}
+
+/// Unit normals of the object where rays meet it.
+fn object_normals(scene: &FrozenScene, rays: &[Ray], rendered: &[RenderedRay]) -> Vec<Vec3> {
+    let points: Vec<f32> = rays
+        .iter()
+        .zip(rendered)
+        .flat_map(|(ray, hit)| ray.at(hit.object_distance).to_array())
+        .collect();
+    let geometry = scene.object.geometry(&points);
+    (0..rays.len()).map(|i| geometry.normal(i).normalize_or_zero()).collect()
+}
+
+/// Replaces the matte of edge pixels by the mean over rays spread over the pixel.
+fn supersample(
+    scene: &FrozenScene,
+    ray_at: &dyn Fn(Vec2) -> Option<Ray>,
+    at: &[u32],
+    width: u32,
+    height: u32,
+    alpha: &mut [f32],
+) {
+    let count = scene.config.export.edge_rays;
+    if count <= 1 {
+        return;
+    }
+    let (w, h) = (width as i32, height as i32);
+    let edge: Vec<u32> = at
+        .iter()
+        .copied()
+        .filter(|&i| {
+            let (x, y) = ((i % width) as i32, (i / width) as i32);
+            let own = alpha[i as usize];
+            [(-1, 0), (1, 0), (0, -1), (0, 1)].iter().any(|(dx, dy)| {
+                let (x, y) = (x + dx, y + dy);
+                let inside = x >= 0 && y >= 0 && x < w && y < h;
+                inside && (alpha[(y * w + x) as usize] - own).abs() > EDGE
+            })
+        })
+        .collect();
+    let (mut rays, mut owner) = (Vec::new(), Vec::new());
+    for &i in &edge {
+        let corner = Vec2::new((i % width) as f32, (i / width) as f32);
+        for k in 0..count {
+            // Evenly spread over the pixel: the additive recurrence of the plastic number.
+            let offset = Vec2::new(
+                (0.5 + 0.754_877_7 * k as f32).fract(),
+                (0.5 + 0.569_840_3 * k as f32).fract(),
+            );
+            if let Some(ray) = ray_at(corner + offset) {
+                rays.push(ray);
+                owner.push(i as usize);
+            }
+        }
+    }
+    let mut sums = vec![(0.0f32, 0u32); alpha.len()];
+    for (&i, hit) in owner.iter().zip(scene.render(&rays)) {
+        sums[i].0 += hit.matte;
+        sums[i].1 += 1;
+    }
+    for (alpha, (sum, count)) in alpha.iter_mut().zip(sums) {
+        if count > 0 {
+            *alpha = sum / count as f32;
+        }
+    }
+}
+
+/// Pixel numbers within `reach` of `pixels`, ascending.
+fn grown(pixels: &[u32], width: u32, height: u32, reach: i32) -> Vec<u32> {
+    let mut inside = vec![false; (width * height) as usize];
+    for &i in pixels {
+        let (x, y) = ((i % width) as i32, (i / width) as i32);
+        for y in (y - reach).max(0)..=(y + reach).min(height as i32 - 1) {
+            let row = y as usize * width as usize;
+            let (first, last) = ((x - reach).max(0), (x + reach).min(width as i32 - 1));
+            inside[row + first as usize..=row + last as usize].fill(true);
+        }
+    }
+    (0..width * height).filter(|&i| inside[i as usize]).collect()
+}
+
+/// How much of the plate comes from BaCo: 1 on the object and a pixel around, fading out beyond.
+fn reach_of(alpha: &[f32], width: u32, height: u32) -> Vec<f32> {
+    let (w, h) = (width as i32, height as i32);
+    let mut reach = vec![0.0f32; alpha.len()];
+    for y in 0..h {
+        for x in 0..w {
+            let a = alpha[(y * w + x) as usize];
+            if a <= 0.02 {
+                continue;
+            }
+            for dy in -PLATE_REACH..=PLATE_REACH {
+                for dx in -PLATE_REACH..=PLATE_REACH {
+                    let (x, y) = (x + dx, y + dy);
+                    if x < 0 || y < 0 || x >= w || y >= h {
+                        continue;
+                    }
+                    let distance = ((dx * dx + dy * dy) as f32).sqrt();
+                    let share = (1.0 - (distance - 1.5) / (PLATE_REACH as f32 - 1.0)).clamp(0.0, 1.0);
+                    let value = share * (a / 0.1).min(1.0);
+                    let slot = &mut reach[(y * w + x) as usize];
+                    *slot = slot.max(value);
+                }
+            }
+        }
+    }
+    reach
+}

@@ -1,0 +1,110 @@
+//! What a report is made of.
+
+use super::ReportError;
+use crate::config::{MaskPolarity, RunRecord, TrainConfig, Versions};
+use crate::export::read_log;
+use crate::run_folder::{RunError, RunFolder};
+use io_colmap::{MaskSet, Scene};
+use serde_json::{Map, Value};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Everything a report shows, apart from the pictures.
+#[derive(Debug, Clone)]
+pub struct ReportInputs {
+    /// The scene's name.
+    pub title: String,
+    /// The run's configuration.
+    pub config: TrainConfig,
+    /// What made it.
+    pub versions: Versions,
+    /// Photos.
+    pub scene: Scene,
+    /// Coarse masks.
+    pub masks: Option<MaskSet>,
+    /// Folder of reference mattes, matched by stem and shown beside the run's own.
+    pub reference: Option<PathBuf>,
+    /// What was detected or decided, a sentence each.
+    pub notes: Vec<String>,
+    /// The run's log.
+    pub log: Vec<Map<String, Value>>,
+    /// The run's scores, if it was evaluated.
+    pub metrics: Option<sos_eval::Report>,
+}
+
+impl ReportInputs {
+    /// Collects everything from a run's folder and the scene it names.
+    ///
+    /// # Errors
+    /// [`ReportError`] if the run is incomplete, or its photos or masks are gone.
+    pub fn gather(run: &RunFolder) -> Result<Self, ReportError> {
+        let path = run.config_path();
+        let bad = |reason: String| ReportError::Config { path: path.clone(), reason };
+        let text = fs::read_to_string(&path).map_err(|e| RunError::io("read", &path, e))?;
+        let record = RunRecord::from_toml(&text).map_err(|e| bad(e.to_string()))?;
+        let input = record.input.ok_or_else(|| {
+            bad("the section [input] is missing; make the report of a run that sos train wrote".to_owned())
+        })?;
+        // A run of the demo takes its scene along when it is moved.
+        let inside = run.demo_scene_dir();
+        let scene_dir =
+            if input.demo && inside.is_dir() { inside } else { input.scene.clone() };
+        let masks_dir = match &input.masks {
+            Some(masks) if input.demo => match masks.strip_prefix(&input.scene) {
+                Ok(below) => Some(scene_dir.join(below)),
+                Err(_) => Some(masks.clone()),
+            },
+            other => other.clone(),
+        };
+        let scene = Scene::open(&scene_dir)?;
+        let masks = masks_dir
+            .as_deref()
+            .map(|dir| MaskSet::find(dir, &scene, input.polarity.map(MaskPolarity::into)))
+            .transpose()?;
+        let log = read_log(run)?;
+        Ok(Self {
+            title: if input.demo {
+                "the demo scene".to_owned()
+            } else {
+                input
+                    .scene
+                    .file_name()
+                    .map_or_else(|| "scene".to_owned(), |name| name.to_string_lossy().into_owned())
+            },
+            config: record.config,
+            versions: record.versions.unwrap_or_else(Versions::current),
+            notes: notes(&scene, masks.as_ref(), &log),
+            reference: Some(scene_dir.join("alpha_gt")).filter(|dir| input.demo && dir.is_dir()),
+            scene,
+            masks,
+            log,
+            metrics: read_metrics(&run.metrics_path()),
+        })
+    }
+}
+
+/// Notes on scene and masks, then those of the log; each once.
+fn notes(scene: &Scene, masks: Option<&MaskSet>, log: &[Map<String, Value>]) -> Vec<String> {
+    let logged = log
+        .iter()
+        .filter(|line| line.get("event").is_some_and(|event| event == "note"))
+        .filter_map(|line| line.get("text").and_then(Value::as_str));
+    let all = scene
+        .notes
+        .iter()
+        .chain(masks.iter().flat_map(|masks| &masks.notes))
+        .map(String::as_str)
+        .chain(logged);
+    let mut notes: Vec<String> = Vec::new();
+    for note in all {
+        if !notes.iter().any(|known| known == note) {
+            notes.push(note.to_owned());
+        }
+    }
+    notes
+}
+
+/// Scores are an extra: a file that is not there or not theirs is none.
+fn read_metrics(path: &Path) -> Option<sos_eval::Report> {
+    serde_json::from_slice(&fs::read(path).ok()?).ok()
+}

@@ -1,0 +1,56 @@
+//! `report.html`: one page that shows what a run did, to be looked at, kept and sent around.
+//!
+//! It needs nothing but itself: pictures are thumbnails inside the page, curves are drawn in it.
+//! Everything comes from the run's folder and the scene's photos and masks, so that the page can be
+//! made again at any time. A thumbnail of the run's own results leads to the file at full size, as
+//! long as page and files lie together.
+
+mod curves;
+mod inputs;
+mod page;
+mod thumbnail;
+mod views;
+
+pub use inputs::ReportInputs;
+
+use crate::run_folder::{RunError, RunFolder};
+use std::io::Write as _;
+use std::path::PathBuf;
+
+/// Why a report could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The run's folder.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// The run's configuration.
+    #[error("{}: {reason}", path.display())]
+    Config {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// Scene or masks.
+    #[error(transparent)]
+    Scene(#[from] io_colmap::ColmapError),
+    /// A picture that cannot be read.
+    #[error("cannot read the picture {} for the report ({reason}); check that it is as the run left it", path.display())]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// What the decoder said.
+        reason: String,
+    },
+}
+
+/// Writes `report.html`.
+///
+/// # Errors
+/// [`ReportError`] if a picture cannot be read or the page cannot be written.
+pub fn write_report(run: &RunFolder, inputs: &ReportInputs) -> Result<(), ReportError> {
+    let rows = views::rows(run, inputs)?;
+    let page = page::page(inputs, &rows);
+    run.write(&run.report_path(), |out| out.write_all(page.as_bytes()))?;
+    Ok(())
+}

@@ -1,0 +1,202 @@
+//! Saving a run so that it goes on as if it had never stopped.
+//!
+//! Random numbers are a function of seed and step, so that what has to be kept is: both fields,
+//! sharpnesses, optimiser moments, occupancy, and a few numbers.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use burn::module::Module;
+use burn::store::ModuleRecord;
+use serde::{Deserialize, Serialize};
+
+use super::Trainer;
+use crate::prepare::Prepared;
+use crate::prepare::error::PrepareError;
+use crate::render::rays::FrozenScene;
+use crate::run_folder::RunFolder;
+
+/// Numbers of a checkpoint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Numbers {
+    step: u32,
+    rays: f32,
+    rate_scale: f64,
+    seconds: f64,
+    object_adam_step: u32,
+    background_adam_step: u32,
+}
+
+const FIELDS: &str = "fields.bpk";
+const SHARPNESS: &str = "sharpness.bpk";
+const OPTIMISER: &str = "optimiser.bpk";
+const SHARPNESS_OPTIMISER: &str = "sharpness_optimiser.bpk";
+const MOMENTS: [&str; 2] = ["object_moments.f32", "background_moments.f32"];
+const OCCUPANCY: [&str; 2] = ["object_occupancy.f32", "background_occupancy.f32"];
+const NUMBERS: &str = "numbers.json";
+
+impl Trainer {
+    /// The scene as it is now, for rendering.
+    #[must_use]
+    pub fn freeze(&self, data: &Prepared) -> FrozenScene {
+        let config = self.config().clone();
+        let levels = self.context.object_layout.levels.len();
+        let active = super::schedule::at(&config, self.step, levels).active_levels;
+        FrozenScene {
+            object: self.freeze_object(active),
+            background: self.freeze_background(active),
+            sharpness: self.sharpness(),
+            grids: self.grids.clone(),
+            map: data.map.clone(),
+            config,
+        }
+    }
+
+    /// Writes `checkpoint/`: into a new folder first, which then takes the old one's place.
+    ///
+    /// `seconds` is the training time so far.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn save(&self, run: &RunFolder, seconds: f64) -> anyhow::Result<()> {
+        let target = run.checkpoint_dir();
+        let fresh = target.with_extension("new");
+        let _ = fs::remove_dir_all(&fresh);
+        fs::create_dir_all(&fresh).map_err(|e| unwritable(&fresh, &e))?;
+        let failed = |path: &Path, e: &dyn std::fmt::Display| unwritable(path, e);
+        let path = |name: &str| fresh.join(name);
+        self.scene
+            .clone()
+            .into_record()
+            .save(path(FIELDS))
+            .map_err(|e| failed(&path(FIELDS), &e))?;
+        self.sharpness
+            .clone()
+            .into_record()
+            .save(path(SHARPNESS))
+            .map_err(|e| failed(&path(SHARPNESS), &e))?;
+        self.optimiser.save(path(OPTIMISER)).map_err(|e| failed(&path(OPTIMISER), &e))?;
+        self.sharpness_optimiser
+            .save(path(SHARPNESS_OPTIMISER))
+            .map_err(|e| failed(&path(SHARPNESS_OPTIMISER), &e))?;
+        for (name, adam) in MOMENTS.iter().zip([&self.object_adam, &self.background_adam]) {
+            write_floats(&path(name), &adam.state())?;
+        }
+        for (name, grid) in
+            OCCUPANCY.iter().zip([&self.grids.object, &self.grids.background])
+        {
+            write_floats(&path(name), grid.values())?;
+        }
+        let numbers = Numbers {
+            step: self.step,
+            rays: self.rays,
+            rate_scale: self.rate_scale,
+            seconds,
+            object_adam_step: self.object_adam.steps(),
+            background_adam_step: self.background_adam.steps(),
+        };
+        let text = serde_json::to_vec_pretty(&numbers)?;
+        fs::write(path(NUMBERS), text).map_err(|e| unwritable(&path(NUMBERS), &e))?;
+        let old = target.with_extension("old");
+        let _ = fs::remove_dir_all(&old);
+        if target.exists() {
+            fs::rename(&target, &old).map_err(|e| unwritable(&target, &e))?;
+        }
+        fs::rename(&fresh, &target).map_err(|e| unwritable(&target, &e))?;
+        let _ = fs::remove_dir_all(&old);
+        Ok(())
+    }
+
+    /// Goes back to the run's checkpoint; returns the seconds trained until then.
+    ///
+    /// # Errors
+    /// When there is none, or one of another model.
+    pub fn load(&mut self, run: &RunFolder) -> anyhow::Result<f64> {
+        let mut folder = run.checkpoint_dir();
+        if !folder.exists() {
+            // A run killed between the two renames of `save`.
+            folder = folder.with_extension("old");
+        }
+        let path = |name: &str| folder.join(name);
+        let text = fs::read(path(NUMBERS)).map_err(|e| unusable(path(NUMBERS), &e))?;
+        let numbers: Numbers =
+            serde_json::from_slice(&text).map_err(|e| unusable(path(NUMBERS), &e))?;
+        let record =
+            ModuleRecord::load(path(FIELDS)).map_err(|e| unusable(path(FIELDS), &e))?;
+        self.scene = self.scene.clone().load_record(record);
+        let record =
+            ModuleRecord::load(path(SHARPNESS)).map_err(|e| unusable(path(SHARPNESS), &e))?;
+        self.sharpness = self.sharpness.clone().load_record(record);
+        self.optimiser = self
+            .optimiser
+            .clone()
+            .load(path(OPTIMISER))
+            .map_err(|e| unusable(path(OPTIMISER), &e))?;
+        self.sharpness_optimiser = self
+            .sharpness_optimiser
+            .clone()
+            .load(path(SHARPNESS_OPTIMISER))
+            .map_err(|e| unusable(path(SHARPNESS_OPTIMISER), &e))?;
+        self.object_adam
+            .restore(&read_floats(&path(MOMENTS[0]))?, numbers.object_adam_step)
+            .map_err(|e| unusable(path(MOMENTS[0]), &e))?;
+        self.background_adam
+            .restore(&read_floats(&path(MOMENTS[1]))?, numbers.background_adam_step)
+            .map_err(|e| unusable(path(MOMENTS[1]), &e))?;
+        self.grids
+            .restore(&read_floats(&path(OCCUPANCY[0]))?, &read_floats(&path(OCCUPANCY[1]))?)
+            .map_err(|what| PrepareError::Checkpoint { path: folder.clone(), what })?;
+        self.step = numbers.step;
+        self.rays = numbers.rays;
+        self.rate_scale = numbers.rate_scale;
+        Ok(numbers.seconds)
+    }
+
+    /// After a step that gave no number: back to the checkpoint, or to the start where there is
+    /// none yet, at half the learning rates.
+    ///
+    /// # Errors
+    /// When the checkpoint cannot be read.
+    pub fn recover(&mut self, run: &RunFolder, data: &Prepared) -> anyhow::Result<()> {
+        let scale = self.rate_scale;
+        if run.checkpoint_dir().exists() {
+            self.load(run)?;
+        } else {
+            *self = Self::new(&self.config().clone(), data)?;
+        }
+        self.rate_scale = 0.5 * scale;
+        Ok(())
+    }
+}
+
+fn unwritable(path: &Path, error: &dyn std::fmt::Display) -> PrepareError {
+    PrepareError::Scene(format!(
+        "{}: the checkpoint could not be written ({error}); make room or choose another --out",
+        path.display()
+    ))
+}
+
+fn unusable(path: PathBuf, error: &dyn std::fmt::Display) -> PrepareError {
+    PrepareError::Checkpoint { what: format!("this checkpoint cannot be used ({error})"), path }
+}
+
+fn write_floats(path: &Path, values: &[f32]) -> Result<(), PrepareError> {
+    let write = || -> std::io::Result<()> {
+        let mut file = std::io::BufWriter::new(fs::File::create(path)?);
+        for chunk in values.chunks(4096) {
+            let bytes: Vec<u8> = chunk.iter().flat_map(|v| v.to_le_bytes()).collect();
+            file.write_all(&bytes)?;
+        }
+        file.flush()
+    };
+    write().map_err(|e| unwritable(path, &e))
+}
+
+fn read_floats(path: &Path) -> Result<Vec<f32>, PrepareError> {
+    let bytes = fs::read(path).map_err(|e| unusable(path.to_path_buf(), &e))?;
+    Ok(bytes
+        .chunks_exact(4)
+        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+        .collect())
+}

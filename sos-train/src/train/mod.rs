@@ -1,0 +1,246 @@
+//! The training loop and what it keeps.
+
+pub mod batch;
+pub mod checkpoint;
+pub mod grids;
+pub mod run;
+pub mod sampler;
+pub mod schedule;
+pub mod setup;
+pub mod step;
+
+use std::sync::Arc;
+
+use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use hashgrid::{LazyAdam, SparseGrad};
+use neus_render::march::{Grids, Jitter, MarchConfig};
+use scene_decomp::{FrozenSurface, Scene, Sharpness};
+
+use crate::config::{TrainConfig, Transparency};
+use crate::prepare::Prepared;
+use batch::BatchMarcher;
+use grids::{FieldGrids, GridRule};
+use sampler::Sampler;
+use step::{StepContext, StepLosses};
+
+pub use run::run;
+
+/// A run in progress.
+#[derive(Debug)]
+pub struct Trainer {
+    context: StepContext,
+    scene: Scene,
+    sharpness: Sharpness,
+    optimiser: ModuleOptimizer,
+    sharpness_optimiser: ModuleOptimizer,
+    object_adam: LazyAdam,
+    background_adam: LazyAdam,
+    grids: FieldGrids,
+    sampler: Sampler,
+    marcher: BatchMarcher,
+    step: u32,
+    /// Rays a step, followed so that the samples meet the budget.
+    rays: f32,
+    /// Learning rates are multiplied by this: halved whenever a step had to be undone.
+    rate_scale: f64,
+    empty_batches: u32,
+}
+
+/// What one step did.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+pub struct StepReport {
+    /// The losses; zero when the batch was empty.
+    #[serde(flatten)]
+    pub losses: StepLosses,
+    /// Rays in the batch.
+    pub rays: usize,
+    /// FoCoR's samples.
+    pub object_samples: usize,
+    /// BaCo's samples.
+    pub background_samples: usize,
+    /// Grid levels in use.
+    pub active_levels: usize,
+}
+
+impl StepReport {
+    /// Whether every loss is a number.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.losses.total.is_finite() && self.losses.mse.is_finite()
+    }
+
+    /// Peak signal-to-noise ratio of the batch in dB.
+    #[must_use]
+    pub fn psnr(&self) -> f32 {
+        -10.0 * self.losses.mse.max(1e-10).log10()
+    }
+}
+
+impl Trainer {
+    /// The step to be done next.
+    #[must_use]
+    pub fn step_number(&self) -> u32 {
+        self.step
+    }
+
+    /// The run's settings.
+    #[must_use]
+    pub fn config(&self) -> &TrainConfig {
+        &self.context.config
+    }
+
+    /// Both fields' occupancy.
+    #[must_use]
+    pub fn grids(&self) -> &FieldGrids {
+        &self.grids
+    }
+
+    /// `b` of FoCoR and BaCo.
+    #[must_use]
+    pub fn sharpness(&self) -> [f32; 2] {
+        let b = self.sharpness.b().into_data().to_vec::<f32>().unwrap_or_default();
+        [b.first().copied().unwrap_or(0.0), b.get(1).copied().unwrap_or(0.0)]
+    }
+
+    /// How rays are marched in training at `step`.
+    fn march_config(&self) -> MarchConfig {
+        let sampling = &self.context.config.sampling;
+        MarchConfig {
+            step_object: 2.0 / sampling.object_steps as f32,
+            background_samples: sampling.background_samples,
+            jitter: Jitter::Seeded(self.context.config.seed ^ (u64::from(self.step) << 20)),
+            ..MarchConfig::default()
+        }
+    }
+
+    /// Does one step.
+    pub fn step(&mut self, data: &Prepared) -> StepReport {
+        let config = self.context.config.clone();
+        let levels = self.context.object_layout.levels.len();
+        let schedule = schedule::at(&config, self.step, levels);
+        if self.step.is_multiple_of(config.sampling.occupancy_every) {
+            self.update_grids(schedule.active_levels);
+        }
+        let batch = self.sampler.draw(data, self.step, self.rays as usize);
+        let march = self.march_config();
+        let grids = Grids {
+            object: Some(&self.grids.object),
+            background: Some(&self.grids.background),
+        };
+        let crop = config.prepare.crop_threshold;
+        let marched = self.marcher.march(&batch.rays, grids, &march, &data.map, crop);
+        let mut report = StepReport {
+            rays: batch.rays.len(),
+            object_samples: marched.object.len(),
+            background_samples: marched.background.len(),
+            active_levels: schedule.active_levels,
+            ..StepReport::default()
+        };
+        self.follow_budget(report.object_samples + report.background_samples);
+        let loss = step::loss(
+            &self.context,
+            &self.scene,
+            &self.sharpness,
+            &batch,
+            &marched,
+            schedule,
+        );
+        self.step += 1;
+        let Some((loss, losses)) = loss else {
+            self.empty_batches += 1;
+            return report;
+        };
+        self.empty_batches = 0;
+        report.losses = losses;
+        if report.is_finite() {
+            self.descend(loss);
+        }
+        report
+    }
+
+    /// The hash tables' learning rate at the last step.
+    #[must_use]
+    pub fn learning_rate(&self) -> f32 {
+        let factor = schedule::rate_factor(self.config(), self.step.saturating_sub(1));
+        (f64::from(self.config().schedule.learning_rate) * factor * self.rate_scale) as f32
+    }
+
+    /// How many steps in a row had no sample at all.
+    #[must_use]
+    pub fn empty_batches(&self) -> u32 {
+        self.empty_batches
+    }
+
+    fn descend(&mut self, loss: burn::Tensor<1>) {
+        let config = &self.context.config;
+        let factor = schedule::rate_factor(config, self.step - 1) * self.rate_scale;
+        let rate = |base: f32| f64::from(base) * factor;
+        let mut grads = loss.backward();
+        let fields = GradientsParams::from_module(&mut grads, &self.scene);
+        let sharpness = GradientsParams::from_module(&mut grads, &self.sharpness);
+        drop(grads);
+        let mlp = rate(config.schedule.learning_rate_mlp);
+        let b = rate(config.schedule.sharpness_learning_rate);
+        let table = rate(config.schedule.learning_rate);
+        self.scene = self.optimiser.step(mlp, self.scene.clone(), fields);
+        self.sharpness = self.sharpness_optimiser.step(b, self.sharpness.clone(), sharpness);
+        self.object_adam.step_grid(
+            &mut self.scene.object.grid,
+            &self.context.object_gradient,
+            table,
+        );
+        self.background_adam.step_grid(
+            &mut self.scene.background.grid,
+            &self.context.background_gradient,
+            table,
+        );
+    }
+
+    /// Moves the number of rays towards the sample budget (a tenth of the way each step).
+    fn follow_budget(&mut self, samples: usize) {
+        let sampling = &self.context.config.sampling;
+        let wanted = self.rays * sampling.target_samples as f32 / samples.max(1) as f32;
+        let next = 0.9 * self.rays + 0.1 * wanted.clamp(0.5 * self.rays, 2.0 * self.rays);
+        self.rays = next.clamp(64.0, 16384.0);
+    }
+
+    /// FoCoR without gradients, at the current number of levels.
+    #[must_use]
+    pub fn freeze_object(&self, active_levels: usize) -> FrozenSurface {
+        FrozenSurface::new(&self.scene.object, &self.context.object_layout, active_levels)
+    }
+
+    /// BaCo without gradients, at the current number of levels.
+    #[must_use]
+    pub fn freeze_background(&self, active_levels: usize) -> FrozenSurface {
+        FrozenSurface::new(&self.scene.background, &self.context.background_layout, active_levels)
+    }
+
+    fn update_grids(&mut self, active_levels: usize) {
+        let config = self.context.config.clone();
+        // For the first steps the fields say nothing yet: everything stays occupied.
+        let warm = (0.04 * config.steps as f32).max(64.0) as u32;
+        if self.step < warm {
+            return;
+        }
+        let [b_object, b_background] = self.sharpness();
+        let object = self.freeze_object(active_levels);
+        let rule = GridRule { transparency: Transparency::Sdf, sharpness: b_object };
+        self.grids.update_object(&object, rule, config.seed, self.step);
+        drop(object);
+        let background = self.freeze_background(active_levels);
+        let rule =
+            GridRule { transparency: config.model.background, sharpness: b_background };
+        self.grids.update_background(&background, rule, config.seed, self.step);
+    }
+}
+
+/// Optimisers as the method has them: Adam with an epsilon that suits hash tables.
+fn adam() -> ModuleOptimizer {
+    AdamConfig::new().with_beta_2(0.99).with_epsilon(1e-15).init()
+}
+
+/// The accumulators shared between the ops and the optimisers.
+fn gradient_sinks(context_layouts: [&Arc<hashgrid::GridLayout>; 2]) -> [SparseGrad; 2] {
+    context_layouts.map(|layout| SparseGrad::new(layout))
+}

@@ -1,0 +1,217 @@
+//! A whole run: prepare, train, export.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use anyhow::Result;
+use neus_render::rays::Ray;
+
+use super::Trainer;
+use super::sampler::Sampler;
+use crate::config::TrainConfig;
+use crate::export::{LogRecord, TrainLog, write_mesh, write_view};
+use crate::job::{TrainJob, TrainOutcome};
+use crate::prepare::error::PrepareError;
+use crate::prepare::view::load_views;
+use crate::prepare::{Prepared, prepare};
+use crate::progress::{Progress, ProgressState};
+use crate::render::rays::FrozenScene;
+use crate::render::survey::Survey;
+use crate::render::view::render_view;
+use crate::render::{mesh, preview};
+
+/// Steps between two lines of the log.
+const LOG_EVERY: u32 = 50;
+/// Steps without a single sample before the run is given up.
+const EMPTY_LIMIT: u32 = 200;
+/// How often a diverged run is set back before it is given up.
+const RESTORE_LIMIT: u32 = 4;
+/// Rays whose mattes are followed to see how much still changes.
+const PROBES: usize = 1024;
+
+/// Trains and exports; see [`TrainJob`].
+///
+/// # Errors
+/// When the input does not work, the run folder cannot be written, or training diverges.
+pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
+    let started = Instant::now();
+    let progress = Progress::new(job.quiet, job.config.steps);
+    let mut log = None;
+    for note in job.scene.notes.iter().chain(job.masks.iter().flat_map(|m| &m.notes)) {
+        progress.note(note);
+    }
+    if let Some(masks) = &job.masks {
+        progress.note(&masks.summary());
+    }
+    let views = load_views(&job.scene, job.masks.as_ref())?;
+    let data = prepare(views, &job.config.prepare, job.config.loss.ignore_band)?;
+    for note in &data.notes {
+        progress.note(note);
+    }
+    let mut trainer = Trainer::new(&job.config, &data)?;
+    let mut earlier_seconds = 0.0;
+    if job.resume {
+        earlier_seconds = trainer.load(&job.run)?;
+        log = Some(TrainLog::resume(&job.run, trainer.step_number())?);
+    }
+    let mut log = match log {
+        Some(log) => log,
+        None => {
+            let mut log = TrainLog::create(&job.run)?;
+            for note in job.scene.notes.iter().chain(&data.notes) {
+                log.note(0, note)?;
+            }
+            log
+        }
+    };
+
+    let outcome = train(job, &mut trainer, &data, &mut log, &progress, earlier_seconds)?;
+    if outcome != TrainOutcome::Finished {
+        return Ok(outcome);
+    }
+    let trained = started.elapsed().as_secs_f64() + earlier_seconds;
+    export(job, &trainer, &data, &progress)?;
+    let total = started.elapsed().as_secs_f64() + earlier_seconds;
+    log.event(
+        trainer.step_number(),
+        "end",
+        [("seconds", total.into()), ("training_seconds", trained.into())],
+    )?;
+    Ok(TrainOutcome::Finished)
+}
+
+fn train(
+    job: &TrainJob,
+    trainer: &mut Trainer,
+    data: &Prepared,
+    log: &mut TrainLog,
+    progress: &Progress,
+    earlier_seconds: f64,
+) -> Result<TrainOutcome> {
+    let config = &job.config;
+    let started = Instant::now();
+    let mut probes = Probes::new(data, config);
+    let (mut since, mut samples, mut mse, mut steps) = (Instant::now(), 0usize, 0.0, 0u32);
+    let mut restores = 0;
+    while trainer.step_number() < config.steps {
+        let report = trainer.step(data);
+        let step = trainer.step_number();
+        if trainer.empty_batches() > EMPTY_LIMIT {
+            return Err(PrepareError::Empty(EMPTY_LIMIT).into());
+        }
+        if !report.is_finite() {
+            restores += 1;
+            if restores > RESTORE_LIMIT {
+                return Err(PrepareError::Diverged(step).into());
+            }
+            trainer.recover(&job.run, data)?;
+            let text = format!(
+                "step {step} gave a loss that is no number; back to step {} at half the learning \
+                 rates",
+                trainer.step_number()
+            );
+            progress.note(&text);
+            log.note(trainer.step_number(), &text)?;
+            continue;
+        }
+        samples += report.object_samples + report.background_samples;
+        mse += report.losses.mse;
+        steps += 1;
+        let interrupted = job.interrupt.load(Ordering::Relaxed);
+        if step.is_multiple_of(LOG_EVERY) || step == config.steps {
+            let seconds = since.elapsed().as_secs_f64();
+            let psnr = -10.0 * (mse / steps as f32).max(1e-10).log10();
+            let alpha_change = (step % (4 * LOG_EVERY) == 0).then(|| probes.change(trainer, data));
+            let rate = (samples as f64 / seconds) as f32;
+            let [b, b_background] = trainer.sharpness();
+            let losses = &report.losses;
+            log.record(&LogRecord {
+                step,
+                seconds: earlier_seconds + started.elapsed().as_secs_f64(),
+                psnr,
+                sharpness: b,
+                sharpness_background: Some(b_background),
+                samples_per_second: rate,
+                rays: report.rays as u32,
+                levels: report.active_levels as u32,
+                learning_rate: trainer.learning_rate(),
+                occupied: Some(trainer.grids().object_share()),
+                alpha_change,
+                losses: BTreeMap::from([
+                    ("total".to_owned(), losses.total),
+                    ("colour".to_owned(), losses.colour),
+                    ("background".to_owned(), losses.background),
+                    ("eikonal".to_owned(), losses.eikonal),
+                    ("sparsity".to_owned(), losses.sparsity),
+                    ("mask".to_owned(), losses.mask),
+                ]),
+            })?;
+            progress.update(&ProgressState {
+                step,
+                psnr,
+                alpha_change,
+                samples_per_second: rate,
+            });
+            (since, samples, mse, steps) = (Instant::now(), 0, 0.0, 0);
+        }
+        if step.is_multiple_of(config.export.preview_every) && step < config.steps {
+            preview::write(&job.run, &trainer.freeze(data), data)?;
+        }
+        let seconds = earlier_seconds + started.elapsed().as_secs_f64();
+        if interrupted {
+            trainer.save(&job.run, seconds)?;
+            return Ok(TrainOutcome::Interrupted { step });
+        }
+        if step.is_multiple_of(config.export.checkpoint_every) || step == config.steps {
+            trainer.save(&job.run, seconds)?;
+        }
+    }
+    Ok(TrainOutcome::Finished)
+}
+
+fn export(job: &TrainJob, trainer: &Trainer, data: &Prepared, progress: &Progress) -> Result<()> {
+    let scene = trainer.freeze(data);
+    preview::write(&job.run, &scene, data)?;
+    let stage = progress.stage("surveying the views", data.views.len());
+    let survey = Survey::new(&scene, data, || stage.advance());
+    drop(stage);
+    let stage = progress.stage("rendering mattes and plates", data.views.len());
+    for index in 0..data.views.len() {
+        write_view(&job.run, &render_view(&scene, data, &survey, index))?;
+        stage.advance();
+    }
+    drop(stage);
+    match mesh::extract(&scene, &data.frame, job.config.export.mesh_resolution) {
+        Ok(mesh) => write_mesh(&job.run, &mesh)?,
+        Err(error) => progress.note(&format!("no mesh.ply: {error}")),
+    }
+    Ok(())
+}
+
+/// Fixed rays on which the matte is followed.
+struct Probes {
+    rays: Vec<Ray>,
+    mattes: Vec<f32>,
+}
+
+impl Probes {
+    fn new(data: &Prepared, config: &TrainConfig) -> Self {
+        let sampler = Sampler::new(data, config.seed ^ 0x0070_0be5, 1.0);
+        Self { rays: sampler.draw(data, 0, PROBES).rays, mattes: Vec::new() }
+    }
+
+    /// Mean change of the mattes since the last call.
+    fn change(&mut self, trainer: &Trainer, data: &Prepared) -> f32 {
+        let scene: FrozenScene = trainer.freeze(data);
+        let mattes: Vec<f32> = scene.render(&self.rays).iter().map(|r| r.matte).collect();
+        let change = if self.mattes.len() == mattes.len() {
+            let sum: f32 = mattes.iter().zip(&self.mattes).map(|(a, b)| (a - b).abs()).sum();
+            sum / mattes.len().max(1) as f32
+        } else {
+            1.0
+        };
+        self.mattes = mattes;
+        change
+    }
+}

@@ -1,0 +1,133 @@
+//! From settings and a prepared scene to a trainer at step 0.
+
+use std::sync::Arc;
+
+use burn::tensor::Device;
+use hashgrid::{GridConfig, GridLayout, LazyAdam};
+use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness};
+
+use super::batch::BatchMarcher;
+use super::grids::FieldGrids;
+use super::sampler::Sampler;
+use super::step::StepContext;
+use super::{Trainer, adam, gradient_sinks};
+use crate::config::{Interpolation, TrainConfig, Transparency};
+use crate::prepare::error::PrepareError;
+use crate::prepare::Prepared;
+
+/// Growth from level to level when their number is left to us.
+const GROWTH: f32 = 1.5;
+
+/// The device of a name of the command line.
+///
+/// # Errors
+/// When the name is none of those that were compiled in.
+pub fn device(name: &str) -> Result<Device, PrepareError> {
+    match name {
+        "auto" | "cpu" | "flex" => Ok(Device::flex()),
+        "ndarray" => Ok(Device::ndarray()),
+        other => Err(PrepareError::Device(other.to_owned())),
+    }
+}
+
+/// The finest grid resolution that the photos can tell: a cell as wide as a pixel at the object.
+fn finest_resolution(scene: &Prepared) -> u32 {
+    let mut cells: Vec<f64> = scene
+        .views
+        .iter()
+        .map(|view| {
+            let (fx, fy) = view.lens.0.focal();
+            let distance = (view.camera_from_world.centre() - scene.frame.centre).length();
+            2.0 * scene.frame.half_side * (fx * fy).sqrt() / distance.max(1e-9)
+        })
+        .collect();
+    cells.sort_by(f64::total_cmp);
+    let median = cells.get(cells.len() / 2).copied().unwrap_or(512.0);
+    (median as u32).clamp(128, 2048)
+}
+
+/// Sizes of the model for a scene.
+#[must_use]
+pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
+    let model = &config.model;
+    let finest = match model.finest_resolution {
+        0 => finest_resolution(scene),
+        fixed => fixed,
+    };
+    let levels = match model.levels {
+        0 => {
+            let octaves = (finest as f32 / model.base_resolution as f32).ln() / GROWTH.ln();
+            (octaves.ceil() as usize + 1).clamp(2, 16)
+        }
+        fixed => fixed as usize,
+    };
+    let grid = GridConfig {
+        levels,
+        base_resolution: model.base_resolution,
+        finest_resolution: finest,
+        log2_table_size: model.log2_table_size,
+        interpolation: match model.interpolation {
+            Interpolation::Linear => hashgrid::Interpolation::Linear,
+            Interpolation::Smoothstep => hashgrid::Interpolation::Smoothstep,
+        },
+        ..GridConfig::default()
+    };
+    SceneConfig {
+        object_grid: grid.clone(),
+        background_grid: grid,
+        hidden: model.hidden as usize,
+        object_features: model.object_features as usize,
+        background_features: model.background_features as usize,
+        background_initial: match model.background {
+            // Wide enough that cameras start in free space.
+            Transparency::Sdf => InitialShape::Hollow(1.8),
+            Transparency::Density => InitialShape::Flat(1.0),
+        },
+        sharpness_start: config.schedule.sharpness_start,
+    }
+}
+
+impl Trainer {
+    /// A trainer at step 0.
+    ///
+    /// # Errors
+    /// When the device does not exist.
+    pub fn new(config: &TrainConfig, scene: &Prepared) -> Result<Self, PrepareError> {
+        let device = device(&config.device)?.autodiff();
+        let sizes = scene_config(config, scene);
+        let object_layout = Arc::new(GridLayout::new(&sizes.object_grid));
+        let background_layout = Arc::new(GridLayout::new(&sizes.background_grid));
+        let [object_gradient, background_gradient] =
+            gradient_sinks([&object_layout, &background_layout]);
+        let mut model = Scene::new(&sizes, config.seed, &device);
+        model.object.grid.table = model.object.grid.table.set_require_grad(false);
+        model.background.grid.table = model.background.grid.table.set_require_grad(false);
+        Ok(Self {
+            object_adam: LazyAdam::new(&object_layout),
+            background_adam: LazyAdam::new(&background_layout),
+            context: StepContext {
+                config: config.clone(),
+                object_layout,
+                background_layout,
+                object_gradient,
+                background_gradient,
+                device: device.clone(),
+            },
+            scene: model,
+            sharpness: Sharpness::new(sizes.sharpness_start, &device),
+            optimiser: adam(),
+            sharpness_optimiser: adam(),
+            grids: FieldGrids::new(
+                config.sampling.occupancy_resolution,
+                &scene.map,
+                config.prepare.hull_threshold,
+            ),
+            sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
+            marcher: BatchMarcher::default(),
+            step: 0,
+            rays: config.sampling.rays as f32,
+            rate_scale: 1.0,
+            empty_batches: 0,
+        })
+    }
+}

@@ -1,0 +1,196 @@
+//! Layers of configuration, and what they say about mistakes.
+
+use sos_train::config::{
+    AlphaSource, ConfigError, InputRecord, MaskPolarity, Preset, RunRecord, TrainConfig,
+};
+
+const PRESETS: [Preset; 3] = [Preset::Quick, Preset::Default, Preset::Paper];
+
+fn input() -> InputRecord {
+    InputRecord {
+        scene: "/photos/a \"quoted\" cat".into(),
+        masks: Some("/photos/masks".into()),
+        polarity: Some(MaskPolarity::Black),
+        out: "/runs/cat".into(),
+        demo: false,
+    }
+}
+
+#[test]
+fn every_preset_is_valid_and_survives_its_file() {
+    for preset in PRESETS {
+        let config = TrainConfig::preset(preset);
+        assert_eq!(config.preset, preset);
+        config.validate().unwrap();
+        let record = RunRecord::new(config, input());
+        let text = record.to_toml().unwrap();
+        assert_eq!(RunRecord::from_toml(&text).unwrap(), record, "{text}");
+    }
+    assert_eq!(TrainConfig::default(), TrainConfig::preset(Preset::Default));
+}
+
+#[test]
+fn the_file_shows_values_as_a_person_would_write_them() {
+    let text = RunRecord::new(TrainConfig::default(), input()).to_toml().unwrap();
+    for line in ["eikonal = 0.1", "preset = \"default\"", "[model]", "[input]", "[versions]"] {
+        assert!(text.lines().any(|l| l == line), "{line} is missing in\n{text}");
+    }
+}
+
+#[test]
+fn the_paper_preset_has_the_numbers_of_the_paper() {
+    let paper = TrainConfig::preset(Preset::Paper);
+    assert_eq!(paper.steps, 40_000);
+    assert_eq!(paper.schedule.learning_rate, 0.01);
+    let model = &paper.model;
+    assert_eq!((model.levels, model.base_resolution, model.finest_resolution), (16, 16, 2048));
+    assert_eq!((model.hidden, model.object_features, model.background_features), (64, 12, 7));
+    assert_eq!(model.alpha, AlphaSource::Head);
+}
+
+#[test]
+fn every_key_can_be_set_to_what_it_is() {
+    let keys = TrainConfig::keys();
+    assert!(keys.len() > 50, "{keys:?}");
+    let text = RunRecord::new(TrainConfig::default(), input()).to_toml().unwrap();
+    let tree: toml::Table = text.parse().unwrap();
+    for key in keys.iter().filter(|key| *key != "preset") {
+        let value = match key.split_once('.') {
+            Some((section, name)) => &tree[section][name],
+            None => &tree[key.as_str()],
+        };
+        let mut config = TrainConfig::default();
+        config.apply_override(&format!("{key}={value}")).unwrap();
+        assert_eq!(config, TrainConfig::default(), "{key}");
+    }
+}
+
+#[test]
+fn overrides_take_words_integers_for_floats_and_powers_for_counts() {
+    let mut config = TrainConfig::default();
+    for assignment in
+        ["model.alpha=both", " loss.mask = 1 ", "steps=1e4", "device=flex", "loss.colour=\"l1\"", "seed=7"]
+    {
+        config.apply_override(assignment).unwrap();
+    }
+    assert_eq!(config.model.alpha, AlphaSource::Both);
+    assert_eq!(config.loss.mask, 1.0);
+    assert_eq!((config.steps, config.seed), (10_000, 7));
+    assert_eq!(config.device, "flex");
+}
+
+#[test]
+fn a_misspelt_key_is_answered_with_the_nearest() {
+    for (given, meant) in [
+        ("loss.mosk=1", "loss.mask?"),
+        ("mask=1", "loss.mask?"),
+        ("model.mask_end=0.5", "loss.mask_end?"),
+        ("sampling.ray=9", "sampling.rays?"),
+        ("step=9", "steps?"),
+        ("learning_rate=0.1", "schedule.learning_rate?"),
+    ] {
+        let before = TrainConfig::default();
+        let mut config = before.clone();
+        let error = config.apply_override(given).unwrap_err();
+        assert!(matches!(error, ConfigError::UnknownKey { .. }), "{error:?}");
+        assert!(error.to_string().contains(&format!("did you mean {meant}")), "{given}: {error}");
+        assert_eq!(config, before);
+    }
+    let error = TrainConfig::default().apply_override("completely.different=1").unwrap_err();
+    assert!(error.to_string().contains("config.toml"), "{error}");
+    assert!(TrainConfig::default().apply_override("loss=1").is_err());
+    assert!(TrainConfig::default().apply_override("model.alpha.x=1").is_err());
+}
+
+#[test]
+fn a_value_of_the_wrong_kind_is_named() {
+    for (given, says) in [
+        ("loss.mask=much", "a number is needed"),
+        ("loss.mask=nan", "a finite number is needed"),
+        ("steps=1.5", "a whole number is needed"),
+        ("steps=-3", "cannot be negative"),
+        ("steps=99999999999", "steps = 99999999999"),
+        ("model.alpha=heads", "`head`"),
+        ("loss.mask=", "a number is needed"),
+        ("device=3", "a word is needed"),
+        ("preset=paper", "--preset"),
+        ("loss.mask", "key=value"),
+    ] {
+        let error = TrainConfig::default().apply_override(given).unwrap_err().to_string();
+        assert!(error.contains(says), "{given}: {error}");
+        assert!(!error.contains('\n'), "{error}");
+    }
+}
+
+#[test]
+fn values_out_of_range_are_found() {
+    for (given, key) in [
+        ("steps=0", "steps"),
+        ("device=gpu", "device"),
+        ("loss.mask_hold=0.9", "loss.mask_end"),
+        ("loss.ignore_band=2", "loss.ignore_band"),
+        ("model.finest_resolution=8", "model.finest_resolution"),
+        ("schedule.learning_rate=0", "schedule.learning_rate"),
+        ("sampling.rays=0", "sampling.rays"),
+        ("loss.eikonal=-1", "loss.eikonal"),
+    ] {
+        let mut config = TrainConfig::default();
+        config.apply_override(given).unwrap();
+        let error = config.validate().unwrap_err().to_string();
+        assert!(error.starts_with(key), "{given}: {error}");
+    }
+    let config = TrainConfig { seed: u64::MAX, ..TrainConfig::default() };
+    assert!(config.validate().is_err());
+}
+
+#[test]
+fn two_settings_that_only_fit_together_can_be_given_in_any_order() {
+    let mut config = TrainConfig::default();
+    config.apply_override("loss.mask_hold=0.5").unwrap();
+    config.apply_override("loss.mask_end=0.6").unwrap();
+    config.validate().unwrap();
+}
+
+#[test]
+fn a_file_by_hand_fills_up_from_its_preset() {
+    let record = RunRecord::from_toml("preset = \"paper\"\n[loss]\nmask = 0.5\n").unwrap();
+    let mut expected = TrainConfig::preset(Preset::Paper);
+    expected.loss.mask = 0.5;
+    assert_eq!(record.config, expected);
+    assert_eq!(record.input, None);
+    let laid = TrainConfig::default().with_toml("[loss]\nmask = 0.5\n").unwrap();
+    assert_eq!(laid.loss.mask, 0.5);
+}
+
+#[test]
+fn mistakes_in_a_file_are_one_sentence() {
+    for (text, says) in [
+        ("steps = \n", "line 1"),
+        ("[loss]\nmosk = 1\n", "loss.mask?"),
+        ("[modell]\nlevels = 3\n", "model.levels?"),
+        ("preset = \"huge\"\n", "`quick`"),
+        ("steps = \"many\"\n", "a whole number"),
+        ("[input]\nscenes = \"x\"\n", "input"),
+        ("loss = 3\n", "loss"),
+    ] {
+        let error = RunRecord::from_toml(text).unwrap_err().to_string();
+        assert!(error.contains(says), "{text:?}: {error}");
+        assert!(!error.contains('\n'), "{error}");
+    }
+}
+
+#[test]
+fn what_a_checkpoint_has_built_in_cannot_change() {
+    let saved = TrainConfig::default();
+    for given in ["model.levels=8", "seed=3", "prepare.box_margin=0.3"] {
+        let mut config = saved.clone();
+        config.apply_override(given).unwrap();
+        let error = config.check_resumes(&saved).unwrap_err();
+        assert!(matches!(error, ConfigError::FixedOnResume { .. }), "{error:?}");
+    }
+    let mut config = saved.clone();
+    for given in ["steps=9000", "loss.mask=0", "device=flex", "export.edge_rays=16"] {
+        config.apply_override(given).unwrap();
+    }
+    config.check_resumes(&saved).unwrap();
+}

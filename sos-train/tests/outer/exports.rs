@@ -1,0 +1,227 @@
+//! Every writer read back by another program's code.
+
+use crate::fabricated;
+use exr::prelude::{ReadChannels as _, ReadLayers as _};
+use sos_train::export::{
+    ExportError, LogRecord, TrainLog, ViewRender, WorldMesh, check_names, read_log, write_mesh,
+    write_preview, write_view,
+};
+use sos_train::run_folder::{Existing, RunFolder};
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::Path;
+
+fn run(dir: &Path) -> RunFolder {
+    RunFolder::create(&dir.join("run"), Existing::Keep).unwrap()
+}
+
+/// Values at the ends, in between, outside, and none at all.
+fn odd_view(name: &str) -> ViewRender {
+    ViewRender {
+        name: name.to_owned(),
+        width: 3,
+        height: 2,
+        alpha: vec![0.0, 1.0, 0.5, -1.0, 7.0, f32::NAN],
+        foreground: vec![[0.0, 0.5, 1.0]; 6],
+        background: vec![[1.0, f32::NAN, 0.25]; 6],
+        seen: vec![0, 1, 2, 3, 254, 255],
+        normal: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.6, 0.8, 0.0], [0.0; 3]],
+        depth: vec![0.0, 1.5, 1e-6, 12345.678, f32::MAX, 3.0],
+    }
+}
+
+#[test]
+fn pictures_read_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = run(dir.path());
+    write_view(&run, &odd_view("left/IMG.0001.JPG")).unwrap();
+    let open = |folder: &str| image::open(run.root().join(folder).join("left/IMG.0001.png")).unwrap();
+
+    let alpha = open("alpha");
+    assert_eq!(alpha.color(), image::ColorType::L16);
+    assert_eq!(alpha.to_luma16().into_raw(), [0, 65535, 32768, 0, 65535, 0]);
+
+    let cut_out = open("foreground");
+    assert_eq!(cut_out.color(), image::ColorType::Rgba8);
+    assert_eq!(cut_out.to_rgba8().get_pixel(2, 0).0, [0, 128, 255, 128]);
+
+    let plate = open("background");
+    assert_eq!(plate.color(), image::ColorType::Rgb8);
+    assert_eq!(plate.to_rgb8().get_pixel(0, 1).0, [255, 0, 64]);
+
+    let seen = open("background_seen");
+    assert_eq!(seen.color(), image::ColorType::L8);
+    assert_eq!(seen.to_luma8().into_raw(), [0, 1, 2, 3, 254, 255]);
+
+    let normal = open("normal").to_rgb8();
+    assert_eq!(normal.get_pixel(0, 0).0, [0, 0, 0]);
+    assert_eq!(normal.get_pixel(1, 0).0, [255, 128, 128]);
+    assert_eq!(normal.get_pixel(2, 0).0, [128, 0, 128]);
+}
+
+#[test]
+fn files_say_what_they_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = run(dir.path());
+    write_view(&run, &odd_view("a.png")).unwrap();
+    let info = |folder: &str| {
+        let file = BufReader::new(File::open(run.root().join(folder).join("a.png")).unwrap());
+        let mut reader = png::Decoder::new(file).read_info().unwrap();
+        reader.finish().unwrap();
+        reader.info().clone()
+    };
+    for (folder, srgb) in [
+        ("alpha", false),
+        ("foreground", true),
+        ("background", true),
+        ("background_seen", false),
+        ("normal", false),
+    ] {
+        assert_eq!(info(folder).srgb.is_some(), srgb, "{folder}");
+    }
+    let remarks = info("foreground").uncompressed_latin1_text;
+    assert!(remarks.iter().any(|r| r.text.contains("straight")), "{remarks:?}");
+}
+
+#[test]
+fn depth_reads_back_bit_by_bit() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = run(dir.path());
+    let view = odd_view("a.png");
+    write_view(&run, &view).unwrap();
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(run.depth_dir().join("a.exr"))
+        .unwrap();
+    let layer = &image.layer_data;
+    assert_eq!((layer.size.width(), layer.size.height()), (3, 2));
+    let channels = &layer.channel_data.list;
+    assert_eq!(channels.len(), 1);
+    assert_eq!(channels[0].name.to_string(), "Z");
+    let exr::prelude::FlatSamples::F32(values) = &channels[0].sample_data else {
+        panic!("not 32-bit float");
+    };
+    assert_eq!(*values, view.depth);
+}
+
+#[test]
+fn names_cannot_lead_out_of_the_run() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = run(dir.path());
+    for name in ["../../evil.png", "/etc/evil.png", "a\\b\\evil.png"] {
+        write_view(&run, &odd_view(name)).unwrap();
+    }
+    for at in ["evil.png", "etc/evil.png", "a/b/evil.png"] {
+        assert!(run.alpha_dir().join(at).is_file(), "{at}");
+    }
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn photos_that_differ_only_in_their_ending_are_refused() {
+    check_names(["a/1.png", "b/1.png", "2.png"]).unwrap();
+    let error = check_names(["a/1.png", "a/1.jpg"]).unwrap_err();
+    assert!(matches!(error, ExportError::SameName { .. }), "{error}");
+}
+
+#[test]
+fn the_mesh_reads_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = run(dir.path());
+    let mesh = WorldMesh {
+        positions: vec![[0.0, 0.0, 0.0], [1.5, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, -3.5]],
+        normals: vec![[0.0, 0.0, 1.0]; 4],
+        colours: vec![[255, 128, 0]; 4],
+        triangles: vec![[0, 1, 2], [3, 1, 0]],
+    };
+    write_mesh(&run, &mesh).unwrap();
+    let read = sos_eval::read_ply(&run.mesh_path()).unwrap();
+    let positions: Vec<[f64; 3]> = read.vertices.iter().map(|v| v.to_array()).collect();
+    assert_eq!(positions, mesh.positions);
+    assert_eq!(read.triangles, mesh.triangles);
+
+    let bytes = fs::read(run.mesh_path()).unwrap();
+    let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    let header = String::from_utf8(bytes[..end].to_vec()).unwrap();
+    assert!(header.contains("format binary_little_endian 1.0"), "{header}");
+    for property in ["float x", "float nx", "uchar red", "list uchar int vertex_indices"] {
+        assert!(header.contains(&format!("property {property}\n")), "{header}");
+    }
+    // 6 floats and 3 bytes a vertex; a count and 3 indices a face.
+    assert_eq!(bytes.len() - end, 4 * 27 + 2 * 13);
+    assert_eq!(bytes[end + 24..end + 27], [255, 128, 0]);
+}
+
+#[test]
+fn a_mesh_far_from_the_origin_keeps_its_shape() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = run(dir.path());
+    let far = 4.5e6;
+    let mesh = WorldMesh {
+        positions: vec![[far, 0.0, 0.0], [far + 0.01, 0.0, 0.0], [far, 0.01, 0.0]],
+        normals: vec![[0.0, 0.0, 1.0]; 3],
+        colours: vec![[0; 3]; 3],
+        triangles: vec![[0, 1, 2]],
+    };
+    write_mesh(&run, &mesh).unwrap();
+    let read = sos_eval::read_ply(&run.mesh_path()).unwrap();
+    assert_eq!(read.vertices[1].x, far + 0.01);
+}
+
+#[test]
+fn an_empty_mesh_is_a_valid_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = run(dir.path());
+    write_mesh(&run, &WorldMesh::default()).unwrap();
+    assert!(sos_eval::read_ply(&run.mesh_path()).unwrap().vertices.is_empty());
+}
+
+#[test]
+fn previews_are_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = run(dir.path());
+    write_preview(&run, 2, 1, &[1, 2, 3, 4, 5, 6]).unwrap();
+    assert_eq!(image::open(run.preview_path()).unwrap().to_rgb8().into_raw(), [1, 2, 3, 4, 5, 6]);
+}
+
+#[test]
+fn a_resumed_log_forgets_what_will_be_done_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = run(dir.path());
+    let record = |step| LogRecord { step, psnr: f32::NAN, ..LogRecord::default() };
+    {
+        let mut log = TrainLog::create(&run).unwrap();
+        log.note(0, "start").unwrap();
+        for step in [10, 20, 30] {
+            log.record(&record(step)).unwrap();
+        }
+    }
+    // A crash in the middle of a line.
+    let mut text = fs::read_to_string(run.log_path()).unwrap();
+    text.push_str("{\"step\": 15, \"psn");
+    fs::write(run.log_path(), text).unwrap();
+    {
+        let mut log = TrainLog::resume(&run, 20).unwrap();
+        log.record(&record(21)).unwrap();
+    }
+    let steps: Vec<u64> =
+        read_log(&run).unwrap().iter().map(|line| line["step"].as_u64().unwrap()).collect();
+    assert_eq!(steps, [0, 10, 20, 21]);
+    assert!(fs::read_to_string(run.log_path()).unwrap().ends_with("}\n"));
+}
+
+#[test]
+fn a_run_of_the_truth_scores_as_the_truth() {
+    let dir = tempfile::tempdir().unwrap();
+    let (_, run) = fabricated::run(dir.path(), true);
+    let scene = run.demo_scene_dir();
+    let report =
+        sos_eval::run_eval(run.root(), &scene, Some(&scene.join("coarse_masks"))).unwrap();
+    assert!(report.mean.iou > 0.9999, "{report}");
+    assert!(report.start.unwrap().iou < 0.9);
+    assert!(report.mesh.unwrap().relative.chamfer < 0.01);
+}

@@ -1,0 +1,8 @@
+//! Tests of what surrounds training: configuration, run folder, exports, report, command line.
+
+mod command_line;
+mod config;
+mod exports;
+mod fabricated;
+mod report;
+mod run_folder;

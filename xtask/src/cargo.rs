@@ -1,0 +1,201 @@
+//! The cargo command line that a task stands for.
+
+use std::{
+    env,
+    ffi::{OsStr, OsString},
+    path::{Path, PathBuf},
+};
+
+use crate::task::Task;
+
+/// A program, its arguments, and what is added to its environment.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct CommandLine {
+    pub(crate) program: OsString,
+    pub(crate) arguments: Vec<OsString>,
+    pub(crate) environment: Vec<(&'static str, &'static str)>,
+}
+
+impl CommandLine {
+    /// A command line of words known in advance.
+    pub(crate) fn new(program: impl Into<OsString>, arguments: &[&str]) -> Self {
+        Self {
+            program: program.into(),
+            arguments: arguments.iter().map(OsString::from).collect(),
+            environment: Vec::new(),
+        }
+    }
+
+    /// With one more argument.
+    pub(crate) fn with(mut self, argument: impl Into<OsString>) -> Self {
+        self.arguments.push(argument.into());
+        self
+    }
+
+    /// With more arguments.
+    pub(crate) fn with_all<A: Into<OsString>>(
+        mut self,
+        arguments: impl IntoIterator<Item = A>,
+    ) -> Self {
+        self.arguments.extend(arguments.into_iter().map(Into::into));
+        self
+    }
+}
+
+/// Where the workspace is and which cargo builds it.
+pub(crate) struct Workspace {
+    pub(crate) root: PathBuf,
+    pub(crate) cargo: OsString,
+}
+
+impl Workspace {
+    /// The workspace this program belongs to, and the cargo that started it.
+    ///
+    /// `cargo run` says where the package is; without it, where it was when it was compiled.
+    pub(crate) fn of_this_program() -> Self {
+        let package = env::var_os("CARGO_MANIFEST_DIR")
+            .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from);
+        Self {
+            root: package
+                .parent()
+                .map_or_else(|| package.clone(), Path::to_path_buf),
+            cargo: env::var_os("CARGO").unwrap_or_else(|| "cargo".into()),
+        }
+    }
+
+    /// `cargo SUBCOMMAND --manifest-path WORKSPACE ARGUMENTS`.
+    pub(crate) fn cargo(&self, subcommand: &str, arguments: &[&str]) -> CommandLine {
+        CommandLine::new(&self.cargo, &[subcommand, "--manifest-path"])
+            .with(self.root.join("Cargo.toml"))
+            .with_all(arguments)
+    }
+
+    /// The command line of a task that is one command, with the user's arguments.
+    pub(crate) fn run(&self, task: Task, arguments: Vec<OsString>) -> CommandLine {
+        let program = |package, name, subcommand: &[&str]| {
+            self.cargo(
+                "run",
+                &["--release", "--package", package, "--bin", name, "--"],
+            )
+            .with_all(subcommand)
+        };
+        let command = match task {
+            Task::Train => program("sos-train", "sos", &["train"]),
+            Task::Eval => program("sos-train", "sos", &["eval"]),
+            Task::Sos => program("sos-train", "sos", &[]),
+            Task::Demo => program("demo-scene", "demo-scene", &[]),
+            Task::Bench => self.cargo("bench", everywhere(&arguments)),
+            Task::Test | Task::Check | Task::Ci => self
+                .cargo("test", &["--release"])
+                .with_all(everywhere(&arguments)),
+        };
+        command.with_all(arguments)
+    }
+}
+
+/// `--workspace`, unless the user's arguments choose packages (which it would overrule).
+fn everywhere(arguments: &[OsString]) -> &'static [&'static str] {
+    let chooses = |argument: &OsStr| {
+        let text = argument.to_string_lossy();
+        text == "--package" || text.starts_with("--package=") || is_short_package(&text)
+    };
+    let for_cargo = arguments.iter().take_while(|argument| *argument != "--");
+    if for_cargo.into_iter().any(|argument| chooses(argument)) {
+        &[]
+    } else {
+        &["--workspace"]
+    }
+}
+
+/// `-p NAME` or `-pNAME`.
+fn is_short_package(text: &str) -> bool {
+    text.starts_with("-p")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn workspace() -> Workspace {
+        Workspace {
+            root: "/ws".into(),
+            cargo: "cargo".into(),
+        }
+    }
+
+    fn line(task: Task, arguments: &[&str]) -> String {
+        let command = workspace().run(task, arguments.iter().map(OsString::from).collect());
+        assert_eq!(command.program, "cargo");
+        let words: Vec<_> = command
+            .arguments
+            .iter()
+            .map(|word| word.to_string_lossy())
+            .collect();
+        words.join(" ").replace('\\', "/")
+    }
+
+    #[test]
+    fn train_and_eval_run_the_program_optimised() {
+        let sos = "run --manifest-path /ws/Cargo.toml --release --package sos-train --bin sos --";
+        assert_eq!(line(Task::Train, &[]), format!("{sos} train"));
+        assert_eq!(
+            line(Task::Train, &["scene", "--masks", "m"]),
+            format!("{sos} train scene --masks m")
+        );
+        assert_eq!(
+            line(Task::Eval, &["runs/demo"]),
+            format!("{sos} eval runs/demo")
+        );
+        assert_eq!(line(Task::Sos, &["--version"]), format!("{sos} --version"));
+    }
+
+    #[test]
+    fn demo_passes_its_folder_on() {
+        assert_eq!(
+            line(Task::Demo, &["out"]),
+            "run --manifest-path /ws/Cargo.toml --release --package demo-scene --bin demo-scene -- out"
+        );
+    }
+
+    #[test]
+    fn test_covers_the_workspace_unless_packages_are_chosen() {
+        let test = "test --manifest-path /ws/Cargo.toml --release";
+        assert_eq!(line(Task::Test, &[]), format!("{test} --workspace"));
+        assert_eq!(
+            line(Task::Test, &["alpha"]),
+            format!("{test} --workspace alpha")
+        );
+        for choice in [&["-p", "losses"][..], &["-plosses"], &["--package=losses"]] {
+            assert_eq!(
+                line(Task::Test, choice),
+                format!("{test} {}", choice.join(" "))
+            );
+        }
+        // After `--` the arguments are the test program's.
+        assert_eq!(
+            line(Task::Test, &["--", "-p"]),
+            format!("{test} --workspace -- -p")
+        );
+    }
+
+    #[test]
+    fn bench_covers_the_workspace_unless_packages_are_chosen() {
+        let bench = "bench --manifest-path /ws/Cargo.toml";
+        assert_eq!(line(Task::Bench, &[]), format!("{bench} --workspace"));
+        let chosen = ["--package", "hashgrid", "--bench", "encode"];
+        assert_eq!(
+            line(Task::Bench, &chosen),
+            format!("{bench} {}", chosen.join(" "))
+        );
+    }
+
+    #[test]
+    fn this_program_finds_its_workspace() {
+        assert!(
+            Workspace::of_this_program()
+                .root
+                .join("xtask/src/main.rs")
+                .is_file()
+        );
+    }
+}
