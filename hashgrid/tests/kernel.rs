@@ -262,7 +262,7 @@ fn the_scatter_is_the_transpose_of_the_encoding() {
                 let mut grad = vec![0.0; 2 * level.entries];
                 let mut marked = grad.clone();
                 let mut touched = vec![0; level.entries / 8];
-                let normal: Option<([&[f32]; 2], [&[f32]; 3])> = Some(([g0, g1], [nx, ny, nz]));
+                let normal: Option<cpu::NormalPart<'_>> = Some(([g0, g1], [nx, ny, nz]));
                 cpu::scatter_level(&layout, l, &x, &y, &z, [d0, d1], normal, &mut grad);
                 cpu::scatter_level_marked(
                     &layout,

@@ -14,8 +14,8 @@ use crate::ColourLoss;
 /// L = sum_r u_r l(c_B_r - c*_r) / sum_r u_r
 /// ```
 ///
-/// `background` [rays, 3] is the background field's colour with nothing in front of it, `photo`
-/// [rays, 3] the photo's, and `outside` [rays] is `u`: 1 outside the dilated mask, 0 inside it (and
+/// `background` `[rays, 3]` is the background field's colour with nothing in front of it, `photo`
+/// `[rays, 3]` the photo's, and `outside` `[rays]` is `u`: 1 outside the dilated mask, 0 inside it (and
 /// where nothing is known), or the confidence in between. All inside: 0.
 ///
 /// # Panics

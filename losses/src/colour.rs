@@ -31,7 +31,7 @@ pub enum ColourLoss {
 }
 
 impl ColourLoss {
-    /// The loss of `rendered` [rays, 3] against `photo` [rays, 3], weighted by `weights` [rays].
+    /// The loss of `rendered` `[rays, 3]` against `photo` `[rays, 3]`, weighted by `weights` `[rays]`.
     ///
     /// ```text
     /// L = sum_r w_r (1/3 sum_k l(c_rk - c*_rk)) / sum_r w_r

@@ -14,9 +14,9 @@ use crate::{
 /// L = sum_i w_i |u_i - v_i|^2 / sum_i w_i,     u = n / |n|, v = m / |m|
 /// ```
 ///
-/// `normals` [n, 3] and `neighbours` [n, 3] are the gradients `n` and `m` of the signed distance at
+/// `normals` `[n, 3]` and `neighbours` `[n, 3]` are the gradients `n` and `m` of the signed distance at
 /// the points and at points a small step away; their lengths do not matter. For unit vectors the
-/// term is `2 - 2 cos`, and with weights [n] of one over the squared step it tends to the squared
+/// term is `2 - 2 cos`, and with weights `[n]` of one over the squared step it tends to the squared
 /// curvature along the step. A gradient of length zero has direction zero, and no gradient.
 ///
 /// # Panics
@@ -45,7 +45,7 @@ pub fn curvature_loss(
     weighted_mean(difference.square().sum_dim(1).reshape([n]), weights)
 }
 
-/// `v / |v|` of each row of `vectors` [n, 3]; 0, without a gradient, for rows of no length.
+/// `v / |v|` of each row of `vectors` `[n, 3]`; 0, without a gradient, for rows of no length.
 fn direction(vectors: Tensor<2>) -> Tensor<2> {
     let squared = vectors.clone().square().sum_dim(1);
     let degenerate = squared.clone().detach().lower_elem(LENGTH_OFFSET);

@@ -11,7 +11,7 @@ use crate::{
 /// makes the gradient at a length of 0 the number 0 rather than 0/0.
 pub(crate) const LENGTH_OFFSET: f32 = 1e-12;
 
-/// The Eikonal loss of `normals` [n, 3], the unnormalised gradients of a signed distance.
+/// The Eikonal loss of `normals` `[n, 3]`, the unnormalised gradients of a signed distance.
 ///
 /// ```text
 /// L = sum_i w_i (|n_i| - 1)^2 / sum_i w_i
@@ -19,7 +19,7 @@ pub(crate) const LENGTH_OFFSET: f32 = 1e-12;
 ///
 /// L_eikonal of the paper, from Gropp et al. 2020, "Implicit geometric regularization". Lengths are
 /// `sqrt(n . n + 1e-12)`; the gradient at length 0, where no direction is better than another, is 0.
-/// `weights` [n] are optional.
+/// `weights` `[n]` are optional.
 ///
 /// # Panics
 /// When a shape is wrong.

@@ -8,14 +8,14 @@ use crate::{reduction::weighted_mean, shape::expect_weights};
 /// as decided as it needs to be: no gradient.
 const MARGIN: f32 = 1e-5;
 
-/// The entropy of `opacity` [rays]: favours rays that are opaque or empty over those in between.
+/// The entropy of `opacity` `[rays]`: favours rays that are opaque or empty over those in between.
 ///
 /// ```text
 /// L = sum_r w_r (-A_r ln A_r - (1 - A_r) ln(1 - A_r)) / sum_r w_r,     0 <= L <= ln 2
 /// ```
 ///
 /// For use late in training, with a small weight: early on it freezes whatever is there. Opacities
-/// are clamped to [0.00001, 0.99999], which leaves 0.00013 at 0 and 1. `weights` [rays] are optional.
+/// are clamped to [0.00001, 0.99999], which leaves 0.00013 at 0 and 1. `weights` `[rays]` are optional.
 ///
 /// # Panics
 /// When a shape is wrong.

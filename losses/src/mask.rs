@@ -21,12 +21,12 @@ const LEAST_LOG_TRANSMITTANCE: f32 = -1e5;
 /// L = sum_r w_r l_r / sum_r w_r,     l = -(1 - M) log T - M log(A + 0.001)
 /// ```
 ///
-/// - `opacity` [rays]: the object's opacity `A` in [0, 1];
-/// - `log_transmittance` [rays]: `log T = sum_i log(1 - a_i)` over the object's samples on the ray.
+/// - `opacity` `[rays]`: the object's opacity `A` in [0, 1];
+/// - `log_transmittance` `[rays]`: `log T = sum_i log(1 - a_i)` over the object's samples on the ray.
 ///   With `A = 1 - T` it says the same as the opacity, but as `A` goes to 1 its logarithm form keeps
 ///   the digits, and the gradient, that `log(1 - A)` has lost;
-/// - `mask` [rays]: `M`, 1 for the object, 0 for the rest, or soft in between;
-/// - `weights` [rays]: confidence, 0 to ignore a ray (see [`ignore_band`]).
+/// - `mask` `[rays]`: `M`, 1 for the object, 0 for the rest, or soft in between;
+/// - `weights` `[rays]`: confidence, 0 to ignore a ray (see [`ignore_band`]).
 ///
 /// L_mask of the paper. Where M = 1 a clamped logarithm would have no gradient on the rays that need
 /// one most, those that see nothing yet; the offset ([`OPACITY_OFFSET`]) leaves them a large one.
@@ -64,9 +64,9 @@ pub fn mask_loss(
     weighted_mean((outside * empty + mask * filled).neg(), weights)
 }
 
-/// Weights [rays] for [`mask_loss`] that ignore a band around the coarse mask's outline.
+/// Weights `[rays]` for [`mask_loss`] that ignore a band around the coarse mask's outline.
 ///
-/// `edge_distance` [rays] is how far each pixel is from the outline, of either sign and in any unit;
+/// `edge_distance` `[rays]` is how far each pixel is from the outline, of either sign and in any unit;
 /// the weight is 0 where `|edge_distance| < half_width` and 1 elsewhere. Coarse masks are right
 /// away from their outline: about 3 % of the object's size is a good band.
 ///

@@ -26,13 +26,13 @@ pub enum PointPenalty {
     },
 }
 
-/// The loss of the signed distances `sdf` [n] at points that lie on the surface.
+/// The loss of the signed distances `sdf` `[n]` at points that lie on the surface.
 ///
 /// ```text
 /// L = sum_i w_i |sdf(p_i)| / sum_i w_i        (or Huber's function, by `penalty`)
 /// ```
 ///
-/// `weights` [n] are optional: the number of views that see the point, say, or its inverse
+/// `weights` `[n]` are optional: the number of views that see the point, say, or its inverse
 /// reprojection error. Where the distance is exactly 0 so is the gradient.
 ///
 /// # Panics

@@ -6,7 +6,7 @@ use burn::tensor::Tensor;
 /// of weights that means anything is far larger.
 const LEAST_TOTAL_WEIGHT: f32 = 1e-20;
 
-/// `sum_i w_i l_i / sum_i w_i` of `elements` [n] with `weights` [n] (1 where absent), as [1].
+/// `sum_i w_i l_i / sum_i w_i` of `elements` `[n]` with `weights` `[n]` (1 where absent), as `[1]`.
 ///
 /// The result stays attached to the autodiff graph in the degenerate cases, with gradient 0, so that
 /// a step without elements needs no case of its own.

@@ -16,7 +16,7 @@ pub enum SparsityForm {
     Squared,
 }
 
-/// The sparsity loss of `sdf` [n]: keeps the surface away from samples that nothing else moves.
+/// The sparsity loss of `sdf` `[n]`: keeps the surface away from samples that nothing else moves.
 ///
 /// ```text
 /// L = sum_i w_i exp(-tau |sdf_i|) / sum_i w_i
@@ -25,7 +25,7 @@ pub enum SparsityForm {
 /// L_sparsity of the paper, or its square by `form`. `tau` is per unit of distance: at `tau` 100 a
 /// sample 0.01 off the surface still costs 0.37, so 20 to 100 suits a box of half side 1; at 1 the
 /// loss is almost the same everywhere. At a distance of exactly 0 the gradient is 0.
-/// `weights` [n] are optional.
+/// `weights` `[n]` are optional.
 ///
 /// # Panics
 /// When a shape is wrong.

@@ -1,5 +1,8 @@
 //! The compositing kernel through Burn: growth with rays and with samples, forward and backward.
 
+// `criterion_group!` writes a public function.
+#![allow(missing_docs)]
+
 use std::{hint::black_box, sync::Arc};
 
 use burn::tensor::{Device, Tensor, TensorData};

@@ -1,5 +1,8 @@
 //! Marching: growth with rays, and full against mostly empty grids.
 
+// `criterion_group!` writes a public function.
+#![allow(missing_docs)]
+
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};

@@ -52,7 +52,11 @@ impl NeusParameters {
         let s = self.sharpness;
         let before = softplus(-s * (sdf - half));
         let after = softplus(-s * (sdf + half));
-        let floor = softplus(before + log_epsilon);
+        let floor = if log_epsilon == f32::NEG_INFINITY {
+            0.0
+        } else {
+            softplus(before + log_epsilon)
+        };
         (before - after - floor).min(0.0)
     }
 
@@ -99,7 +103,7 @@ pub fn density_alpha(density: f32, dt: f32) -> f32 {
     -(-density.max(0.0) * dt).exp_m1()
 }
 
-/// Transmittance up to each interval of one ray: `T_i = prod_{j<i} (1 - alpha_j)`; [n] to [n].
+/// Transmittance up to each interval of one ray: `T_i = prod_{j<i} (1 - alpha_j)`; `[n]` to `[n]`.
 ///
 /// ```
 /// use neus_render::alpha::transmittance;
@@ -117,7 +121,7 @@ pub fn transmittance(alphas: &[f32]) -> Vec<f32> {
         .collect()
 }
 
-/// Weights of the intervals of one ray: `w_i = T_i alpha_i`; [n] to [n].
+/// Weights of the intervals of one ray: `w_i = T_i alpha_i`; `[n]` to `[n]`.
 ///
 /// ```
 /// use neus_render::alpha::weights_from_alphas;
@@ -132,8 +136,8 @@ pub fn weights_from_alphas(alphas: &[f32]) -> Vec<f32> {
     weights
 }
 
-/// Weighted sum along each ray: weights [n] and values [n, C], packed by `ray_offsets`
-/// [rays + 1], to [rays, C]; zero for rays without intervals.
+/// Weighted sum along each ray: weights `[n]` and values `[n, C]`, packed by `ray_offsets`
+/// `[rays + 1]`, to `[rays, C]`; zero for rays without intervals.
 ///
 /// ```
 /// use neus_render::alpha::accumulate;

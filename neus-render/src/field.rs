@@ -14,7 +14,7 @@ use glam::Vec3;
 /// assert_eq!(out, [-0.5, 0.5]);
 /// ```
 pub trait SdfBatch {
-    /// Writes the signed distances at `points` to `out`, both [n].
+    /// Writes the signed distances at `points` to `out`, both `[n]`.
     fn sdf(&self, points: &[Vec3], out: &mut [f32]);
 }
 

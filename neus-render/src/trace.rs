@@ -89,7 +89,7 @@ enum Phase {
     Bracketed((f32, f32)),
 }
 
-/// The first surface on each ray within its span, [rays]; a ray without a span misses.
+/// The first surface on each ray within its span, `[rays]`; a ray without a span misses.
 ///
 /// A ray that begins inside a solid hits where it begins.
 ///

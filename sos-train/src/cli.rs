@@ -32,7 +32,11 @@ pub fn run() -> ExitCode {
         Ok(Err(error)) => {
             let code = exit_code(&error);
             let text = sentence(&error);
-            complain(&if code == EXIT_INTERNAL { bug(&text) } else { text });
+            complain(&if code == EXIT_INTERNAL {
+                bug(&text)
+            } else {
+                text
+            });
             code
         }
         Err(_) => {
@@ -58,7 +62,9 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
 fn catch_panics() {
     let usual = take_hook();
     set_hook(Box::new(move |info| {
-        let place = info.location().map(|at| format!(" at {}:{}", at.file(), at.line()));
+        let place = info
+            .location()
+            .map(|at| format!(" at {}:{}", at.file(), at.line()));
         let what = info.payload_as_str().unwrap_or("no reason given");
         let text = what.split_whitespace().collect::<Vec<_>>().join(" ");
         *PANIC.lock().unwrap_or_else(PoisonError::into_inner) =

@@ -32,7 +32,11 @@ impl InputError {
     /// An error about `path`.
     #[must_use]
     pub fn new(path: &Path, what: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { path: path.to_path_buf(), what: what.into(), remedy: remedy.into() }
+        Self {
+            path: path.to_path_buf(),
+            what: what.into(),
+            remedy: remedy.into(),
+        }
     }
 }
 
@@ -59,7 +63,11 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
 pub fn sentence(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain() {
-        let cause = cause.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+        let cause = cause
+            .to_string()
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ");
         if !text.contains(&cause) {
             if !text.is_empty() {
                 text.push_str(": ");

@@ -60,7 +60,11 @@ impl Progress {
             (false, true) => Mode::Bar,
             (false, false) => Mode::Lines,
         };
-        Self { mode, steps, training: Mutex::default() }
+        Self {
+            mode,
+            steps,
+            training: Mutex::default(),
+        }
     }
 
     /// Shows the state of training. The first call tells where a resumed run starts.
@@ -73,8 +77,9 @@ impl Progress {
         }
         parts.push(format!("{} samples/s", short(state.samples_per_second)));
         let (done, total) = (u64::from(state.step), u64::from(self.steps));
-        let meter =
-            training.meter.get_or_insert_with(|| Meter::new(self.mode, "training", done, total));
+        let meter = training
+            .meter
+            .get_or_insert_with(|| Meter::new(self.mode, "training", done, total));
         meter.show(done, &parts);
         if done >= total {
             training.meter = None;
@@ -173,7 +178,10 @@ impl Meter {
                 self.bar.set_message(parts.join(", "));
             }
             Mode::Lines => {
-                if self.last_line.is_none_or(|last| last.elapsed() >= LINE_EVERY) {
+                if self
+                    .last_line
+                    .is_none_or(|last| last.elapsed() >= LINE_EVERY)
+                {
                     self.last_line = Some(Instant::now());
                     let count = format!("{} {done}/{}", self.label, self.total);
                     line(&[&[count.as_str()], parts.as_slice()].concat().join(", "));
@@ -187,7 +195,10 @@ impl Meter {
         let done = self.done.checked_sub(self.first).filter(|done| *done > 0)?;
         let seconds = self.begun.elapsed().as_secs_f64() / done as f64
             * self.total.saturating_sub(self.done) as f64;
-        Some(format!("{} left", duration(Duration::try_from_secs_f64(seconds).ok()?)))
+        Some(format!(
+            "{} left",
+            duration(Duration::try_from_secs_f64(seconds).ok()?)
+        ))
     }
 }
 
@@ -196,7 +207,10 @@ impl Drop for Meter {
         self.bar.finish_and_clear();
         if self.mode != Mode::Silent {
             let time = duration(self.begun.elapsed());
-            line(&format!("{} {}/{}, {time}", self.label, self.done, self.total));
+            line(&format!(
+                "{} {}/{}, {time}",
+                self.label, self.done, self.total
+            ));
         }
     }
 }

@@ -5,9 +5,16 @@
 //! write, so that input that turns out to be unusable costs no earlier result; then, with
 //! [`Existing::Replace`], what an earlier run wrote goes first. Files of other origin stay.
 
+mod error;
+mod files;
+
+pub use error::RunError;
+pub(crate) use files::view_file;
+
+use files::{Durability, PARTIAL, remove_file, remove_folder, remove_pictures, write_file};
 use std::fs;
-use std::io::{self, BufWriter, Write};
-use std::path::{Component, Path, PathBuf};
+use std::io::{self, BufWriter, Write as _};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Folders of one picture per view, with the ending of the files in them.
@@ -23,72 +30,14 @@ const CHECKPOINT: &str = "checkpoint";
 const CONFIG: &str = "config.toml";
 const LOG: &str = "log.jsonl";
 /// Files at the top of a run.
-const FILES: [&str; 6] = [CONFIG, LOG, "mesh.ply", "metrics.json", "report.html", "preview.png"];
-/// Start of the names of files that are being written.
-const PARTIAL: &str = ".sos-partial-";
-
-/// What is wrong with a run's folder.
-#[derive(Debug, thiserror::Error)]
-pub enum RunError {
-    /// The operating system refused.
-    #[error("cannot {action} {}: {source}; {}", path.display(), remedy(source))]
-    Io {
-        /// What was being done.
-        action: &'static str,
-        /// The file or folder concerned.
-        path: PathBuf,
-        /// What the operating system said.
-        source: io::Error,
-    },
-    /// There is a run already.
-    #[error("{} already holds a run; add --resume to go on with it, --force to replace it, or choose another folder with --out", path.display())]
-    Exists {
-        /// The run's folder.
-        path: PathBuf,
-    },
-    /// The folder is in use for something else.
-    #[error("{} is not empty and holds no run, so nothing is written there; choose another folder with --out", path.display())]
-    Foreign {
-        /// The folder.
-        path: PathBuf,
-    },
-    /// The path leads to a file.
-    #[error("{} is a file; a run needs a folder, choose another one with --out", path.display())]
-    NotAFolder {
-        /// The file.
-        path: PathBuf,
-    },
-    /// There is no run to go on with.
-    #[error("{} holds no run ({CONFIG} is missing); check the path, or start one without --resume", path.display())]
-    NoRun {
-        /// The folder.
-        path: PathBuf,
-    },
-    /// There is a run, but it was stopped before its first checkpoint.
-    #[error("{} has no checkpoint yet, so there is nothing to go on from; start it again with --force", path.display())]
-    NoCheckpoint {
-        /// The run's folder.
-        path: PathBuf,
-    },
-}
-
-fn remedy(error: &io::Error) -> &'static str {
-    match error.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            "free some space and go on with --resume"
-        }
-        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
-            "choose a folder you may write to with --out"
-        }
-        _ => "check the path and the disk",
-    }
-}
-
-impl RunError {
-    pub(crate) fn io(action: &'static str, path: &Path, source: io::Error) -> Self {
-        Self::Io { action, path: path.to_path_buf(), source }
-    }
-}
+const FILES: [&str; 6] = [
+    CONFIG,
+    LOG,
+    "mesh.ply",
+    "metrics.json",
+    "report.html",
+    "preview.png",
+];
 
 /// What to do with a run that is already there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -129,24 +78,36 @@ impl RunFolder {
                     .map(|entry| entry.file_name().to_string_lossy().into_owned())
                     .filter(|name| !name.starts_with(PARTIAL))
                     .collect();
-                if names.iter().any(|name| name == CONFIG || name == CHECKPOINT) {
+                if names
+                    .iter()
+                    .any(|name| name == CONFIG || name == CHECKPOINT)
+                {
                     if existing == Existing::Keep {
-                        return Err(RunError::Exists { path: path.to_path_buf() });
+                        return Err(RunError::Exists {
+                            path: path.to_path_buf(),
+                        });
                     }
                     replace = true;
                 } else if !names.is_empty() {
-                    return Err(RunError::Foreign { path: path.to_path_buf() });
+                    return Err(RunError::Foreign {
+                        path: path.to_path_buf(),
+                    });
                 }
             }
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
             Err(_) if path.is_file() => {
-                return Err(RunError::NotAFolder { path: path.to_path_buf() });
+                return Err(RunError::NotAFolder {
+                    path: path.to_path_buf(),
+                });
             }
             Err(source) => return Err(RunError::io("list", path, source)),
         }
         let run = Self {
             root: path.to_path_buf(),
-            pending: Arc::new(Mutex::new(Some(Pending { replace, config: None }))),
+            pending: Arc::new(Mutex::new(Some(Pending {
+                replace,
+                config: None,
+            }))),
         };
         run.probe()?;
         Ok(run)
@@ -158,13 +119,18 @@ impl RunFolder {
     /// [`RunError::NoRun`] if there is none.
     pub fn open_existing(path: &Path) -> Result<Self, RunError> {
         if !path.join(CONFIG).is_file() {
-            return Err(RunError::NoRun { path: path.to_path_buf() });
+            return Err(RunError::NoRun {
+                path: path.to_path_buf(),
+            });
         }
         Ok(Self::open(path))
     }
 
     fn open(path: &Path) -> Self {
-        Self { root: path.to_path_buf(), pending: Arc::default() }
+        Self {
+            root: path.to_path_buf(),
+            pending: Arc::default(),
+        }
     }
 
     /// States the text of `config.toml`, which is the first file to be written.
@@ -214,7 +180,11 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::Io`].
     pub(crate) fn abandon(&self, demo: bool) -> Result<(), RunError> {
-        let begun = self.pending.lock().unwrap_or_else(PoisonError::into_inner).is_none();
+        let begun = self
+            .pending
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .is_none();
         if begun {
             self.clear()?;
             if demo {
@@ -366,7 +336,11 @@ impl RunFolder {
             remove_pictures(&self.root.join(folder), ending)?;
         }
         let checkpoint = self.checkpoint_dir();
-        for dir in [checkpoint.with_extension("old"), checkpoint.with_extension("new"), checkpoint] {
+        for dir in [
+            checkpoint.with_extension("old"),
+            checkpoint.with_extension("new"),
+            checkpoint,
+        ] {
             remove_folder(&dir)?;
         }
         for entry in fs::read_dir(&self.root).into_iter().flatten().flatten() {
@@ -376,89 +350,4 @@ impl RunFolder {
         }
         Ok(())
     }
-}
-
-/// What a finished file survives.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Durability {
-    Program,
-    Disk,
-}
-
-fn write_file(
-    path: &Path,
-    durability: Durability,
-    fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
-) -> Result<(), RunError> {
-    let fail = |e| RunError::io("write", path, e);
-    let folder = path.parent().unwrap_or(Path::new("."));
-    fs::create_dir_all(folder).map_err(|e| RunError::io("create the folder", folder, e))?;
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(PARTIAL);
-    #[cfg(unix)]
-    {
-        // As for any new file: what the user's umask leaves of it, not the private 0600.
-        use std::os::unix::fs::PermissionsExt as _;
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(folder).map_err(fail)?;
-    let mut out = BufWriter::with_capacity(1 << 16, file.as_file_mut());
-    fill(&mut out).map_err(fail)?;
-    out.flush().map_err(fail)?;
-    drop(out);
-    if durability == Durability::Disk {
-        file.as_file().sync_all().map_err(fail)?;
-    }
-    file.persist(path).map_err(|e| fail(e.error))?;
-    Ok(())
-}
-
-/// The path of a view's file below `folder`: as the photo, with another ending. Parts of the name
-/// that would lead elsewhere are left out.
-pub(crate) fn view_file(folder: &Path, photo: &str, ending: &str) -> PathBuf {
-    let mut path = folder.to_path_buf();
-    // COLMAP models made on Windows have backslashes.
-    for part in Path::new(&photo.replace('\\', "/")).components() {
-        if let Component::Normal(part) = part {
-            path.push(part);
-        }
-    }
-    let mut name = path.file_stem().unwrap_or_default().to_owned();
-    name.push(".");
-    name.push(ending);
-    path.set_file_name(name);
-    path
-}
-
-fn remove_folder(path: &Path) -> Result<(), RunError> {
-    match fs::remove_dir_all(path) {
-        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(RunError::io("remove", path, e)),
-        _ => Ok(()),
-    }
-}
-
-fn remove_file(path: &Path) -> Result<(), RunError> {
-    match fs::remove_file(path) {
-        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(RunError::io("remove", path, e)),
-        _ => Ok(()),
-    }
-}
-
-fn remove_pictures(folder: &Path, ending: &str) -> Result<(), RunError> {
-    // A link leads out of the run.
-    if folder.is_symlink() {
-        return Ok(());
-    }
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let path = entry.path();
-        let partial = entry.file_name().to_string_lossy().starts_with(PARTIAL);
-        if path.is_dir() {
-            remove_pictures(&path, ending)?;
-        } else if partial || path.extension().is_some_and(|e| e == ending) {
-            remove_file(&path)?;
-        }
-    }
-    // Refused while something is left.
-    let _ = fs::remove_dir(folder);
-    Ok(())
 }

@@ -304,7 +304,9 @@ fn names_say_what_is_inside() {
     let mut violations = Vec::new();
     for file in rust_files() {
         let inside = file.strip_prefix(root()).unwrap_or(&file);
-        let words = inside.components().map(|word| Path::new(&word).file_stem());
+        let words = inside
+            .components()
+            .map(|word| Path::new(word.as_os_str()).file_stem());
         let empty = |word: &std::ffi::OsStr| EMPTY_NAMES.iter().any(|name| word == *name);
         if words.flatten().any(empty) {
             violations.push(format!(

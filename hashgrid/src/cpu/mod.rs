@@ -21,6 +21,6 @@ mod tiers;
 mod tile;
 
 pub(crate) use cells::{LANES, PRIMES};
+pub use scatter::{NormalPart, scatter_level, scatter_level_marked};
 pub(crate) use scatter::{Slopes, scatter};
-pub use scatter::{scatter_level, scatter_level_marked};
 pub use tile::encode_tile;

@@ -6,6 +6,10 @@ use super::cells::{Cells, LANES, Lane, check_level, locate, prefetch};
 use crate::config::Interpolation;
 use crate::layout::{BLOCK_ENTRIES, FEATURES, GridLayout, LevelLayout};
 
+/// `(g, dn)`, each row `[n]`: a gradient by a level's Jacobian of the form
+/// `dL/dJ[f, axis] = g[f] · dn[axis]`, which is what a normal `n = Jᵀ g` leaves behind.
+pub type NormalPart<'a> = ([&'a [f32]; 2], [&'a [f32]; 3]);
+
 /// Adds the gradients of all `n` points to one level's entries.
 ///
 /// - `x`, `y`, `z`: the positions, each `[n]`, any `n`.
@@ -27,7 +31,7 @@ pub fn scatter_level(
     y: &[f32],
     z: &[f32],
     d_value: [&[f32]; 2],
-    normal_part: Option<([&[f32]; 2], [&[f32]; 3])>,
+    normal_part: Option<NormalPart<'_>>,
     grad: &mut [f32],
 ) {
     let slopes = match normal_part {
@@ -50,7 +54,7 @@ pub fn scatter_level_marked(
     y: &[f32],
     z: &[f32],
     d_value: [&[f32]; 2],
-    normal_part: Option<([&[f32]; 2], [&[f32]; 3])>,
+    normal_part: Option<NormalPart<'_>>,
     grad: &mut [f32],
     touched: &mut [u8],
 ) {
@@ -172,7 +176,7 @@ impl Scatter<'_> {
         let mut start = 0;
         while start < n {
             let count = LANES.min(n - start);
-            let which = start / LANES & 1;
+            let which = (start / LANES) & 1;
             if start + LANES < n {
                 ring[1 - which] = locate(start + LANES);
                 prefetch(self.grad, &ring[1 - which]);

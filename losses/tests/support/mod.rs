@@ -37,7 +37,7 @@ pub fn evaluate(
             .iter()
             .zip(inputs)
             .map(|(tensor, values)| match tensor.grad(&gradients) {
-                Some(gradient) => gradient.into_data().into_vec::<f32>().expect("f32"),
+                Some(gradient) => gradient.into_data().try_into_vec::<f32>().expect("f32"),
                 None => vec![0.0; values.len()],
             })
             .collect(),

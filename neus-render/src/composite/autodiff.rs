@@ -16,18 +16,18 @@ use super::{CompositeConfig, CompositeOps, Packing};
 
 /// Gradients of the three inputs, in their shapes.
 pub struct CompositeGradients<B: Backend> {
-    /// [m_f, 6].
+    /// `[m_f, 6]`.
     pub object: FloatTensor<B>,
-    /// [m_b, 5].
+    /// `[m_b, 5]`.
     pub background: FloatTensor<B>,
-    /// [2].
+    /// `[2]`.
     pub sharpness: FloatTensor<B>,
 }
 
 /// Backends that have the gradient kernel, too.
 pub trait CompositeBackwardOps: CompositeOps {
     /// Gradients of the inputs (object, background, sharpness) from that of the pixels, `grad`
-    /// [rays, 16].
+    /// `[rays, 16]`.
     fn composite_backward(
         inputs: [FloatTensor<Self>; 3],
         grad: FloatTensor<Self>,

@@ -6,8 +6,11 @@
 
 use rayon::prelude::*;
 
-use super::{CompositeConfig, Packing, Transparency, background_column, column, object_column};
-use crate::alpha::{NeusParameters, sigmoid, softplus};
+use super::{
+    CompositeConfig, Packing, background_column, column, object_column,
+    opacity::{Kernel, Opacity},
+};
+use crate::alpha::NeusParameters;
 
 /// Rays that one task handles.
 const CHUNK: usize = 32;
@@ -34,16 +37,16 @@ pub(crate) struct Gradients {
 /// Each sample's weight in the joint pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SampleWeights {
-    /// `w_F` of the object's rows; [m_f].
+    /// `w_F` of the object's rows; `[m_f]`.
     pub object: Vec<f32>,
-    /// `w_B` of the background's rows; [m_b].
+    /// `w_B` of the background's rows; `[m_b]`.
     pub background: Vec<f32>,
 }
 
 /// The weights `w_F` and `w_B` of all samples, as plain numbers (for occupancy and for sampling
 /// where errors are).
 ///
-/// `object` [m_f, 6] and `background` [m_b, 5] row-major, as for [`composite`](super::composite).
+/// `object` `[m_f, 6]` and `background` `[m_b, 5]` row-major, as for [`composite`](super::composite).
 ///
 /// # Panics
 /// When a slice's length doesn't fit the packing.
@@ -84,7 +87,7 @@ pub fn sample_weights(
     weights
 }
 
-/// Pixels of all rays: [rays, 16] row-major.
+/// Pixels of all rays: `[rays, 16]` row-major.
 pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
     batch.check();
     let mut out = vec![0.0; batch.packing.ray_count() * column::COUNT];
@@ -98,7 +101,7 @@ pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
     out
 }
 
-/// Gradients of all inputs from that of the pixels, `grad` [rays, 16].
+/// Gradients of all inputs from that of the pixels, `grad` `[rays, 16]`.
 pub(crate) fn backward(batch: &Batch<'_>, grad: &[f32]) -> Gradients {
     batch.check();
     let mut object = vec![0.0; batch.object.len()];
@@ -130,74 +133,6 @@ pub(crate) fn backward(batch: &Batch<'_>, grad: &[f32]) -> Gradients {
         object,
         background,
         sharpness: sharpness.map(|v| v as f32),
-    }
-}
-
-/// What one sample does to light.
-#[derive(Clone, Copy)]
-struct Opacity {
-    /// Including the matte value.
-    alpha: f32,
-    /// `1 - alpha`, exact where alpha is near one.
-    survival: f32,
-    /// `log(1 - alpha)`.
-    log: f32,
-    /// Without the matte value: `1 - a` and `a`.
-    bare_survival: f32,
-    bare_alpha: f32,
-    matte: f32,
-}
-
-impl Opacity {
-    const NONE: Self = Self {
-        alpha: 0.0,
-        survival: 1.0,
-        log: 0.0,
-        bare_survival: 1.0,
-        bare_alpha: 0.0,
-        matte: 1.0,
-    };
-
-    #[inline]
-    fn new(log: f32, matte: f32) -> Self {
-        let bare_alpha = -log.exp_m1();
-        let bare_survival = log.exp();
-        let matte = matte.clamp(0.0, 1.0);
-        if matte == 1.0 {
-            return Self {
-                alpha: bare_alpha,
-                survival: bare_survival,
-                log,
-                bare_survival,
-                bare_alpha,
-                matte,
-            };
-        }
-        let alpha = matte * bare_alpha;
-        let survival = (1.0 - matte) + matte * bare_survival;
-        let log = if alpha < 0.5 {
-            (-alpha).ln_1p()
-        } else {
-            survival.ln()
-        };
-        Self {
-            alpha,
-            survival,
-            log,
-            bare_survival,
-            bare_alpha,
-            matte,
-        }
-    }
-
-    /// The derivative of `log` with respect to the logarithm without the matte value.
-    #[inline]
-    fn log_slope(&self) -> f32 {
-        if self.matte == 1.0 {
-            1.0
-        } else {
-            self.matte * self.bare_survival / self.survival
-        }
     }
 }
 
@@ -512,62 +447,4 @@ impl<'a> Batch<'a> {
 #[inline]
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// From a field's first two columns to `log(1 - a)` and back.
-struct Kernel {
-    transparency: Transparency,
-    neus: NeusParameters,
-    log_epsilon: f32,
-}
-
-/// Gradients of one sample.
-struct Chain {
-    sdf: f32,
-    slope: f32,
-    sharpness: f32,
-}
-
-impl Kernel {
-    fn new(transparency: Transparency, neus: NeusParameters) -> Self {
-        Self {
-            transparency,
-            neus,
-            log_epsilon: neus.log_epsilon(),
-        }
-    }
-
-    #[inline]
-    fn log_survival(&self, sdf: f32, slope: f32, dt: f32) -> f32 {
-        match self.transparency {
-            Transparency::Sdf => self.neus.log_survival(sdf, slope, dt, self.log_epsilon),
-            Transparency::Density => -sdf.max(0.0) * dt,
-        }
-    }
-
-    /// From the loss per unit of `log(1 - a)` to that per unit of the inputs.
-    #[inline]
-    fn backward(&self, sdf: f32, slope: f32, dt: f32, g_log: f32) -> Chain {
-        if self.transparency == Transparency::Density {
-            return Chain {
-                sdf: if sdf > 0.0 { -dt * g_log } else { 0.0 },
-                slope: 0.0,
-                sharpness: 0.0,
-            };
-        }
-        let s = self.neus.sharpness;
-        let half = 0.5 * dt * self.neus.annealed_slope(slope);
-        let (first, last) = (sdf - half, sdf + half);
-        // log(1 - a) = before - after - softplus(before + log e), before = softplus(-s first).
-        let before = softplus(-s * first);
-        let g_before = g_log * sigmoid(-(before + self.log_epsilon));
-        let g_u = -g_before * sigmoid(-s * first);
-        let g_v = g_log * sigmoid(-s * last);
-        let g_half = s * (g_v - g_u);
-        Chain {
-            sdf: s * (g_u + g_v),
-            slope: 0.5 * dt * g_half * self.neus.annealed_slope_derivative(slope),
-            sharpness: g_u * first + g_v * last,
-        }
-    }
 }

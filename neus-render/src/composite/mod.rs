@@ -16,9 +16,9 @@
 //! see [`neus_log_survival`](crate::alpha::neus_log_survival) for the stable form used, or those
 //! of a density. Everything is done on `log(1 - a)`, so values and gradients stay finite.
 //!
-//! Tensors, all f32: the object's samples are the rows of [m_f, 6] (columns [`object_column`]), the
-//! background's those of [m_b, 5] ([`background_column`]), sharpnesses [2] (F, B), the result
-//! [rays, 16] ([`column`]). Everything is tracked but the [`Packing`].
+//! Tensors, all f32: the object's samples are the rows of `[m_f, 6]` (columns [`object_column`]), the
+//! background's those of `[m_b, 5]` ([`background_column`]), sharpnesses `[2]` (F, B), the result
+//! `[rays, 16]` ([`mod@column`]). Everything is tracked but the [`Packing`].
 
 // Upstream marks burn-ndarray deprecated in favour of Flex; this workspace supports both.
 #![allow(deprecated)]
@@ -26,6 +26,7 @@
 mod adapters;
 mod autodiff;
 mod cpu;
+mod opacity;
 mod packing;
 mod reference;
 
@@ -134,7 +135,7 @@ impl Default for CompositeConfig {
 /// The op on a backend's tensors; use [`composite`].
 #[backend_extension(NdArray, Flex, Autodiff)]
 pub trait CompositeOps: Backend {
-    /// See [`composite`]: object [m_f, 6], background [m_b, 5], sharpness [2] to [rays, 16].
+    /// See [`composite`]: object `[m_f, 6]`, background `[m_b, 5]`, sharpness `[2]` to `[rays, 16]`.
     fn composite(
         object: FloatTensor<Self>,
         background: FloatTensor<Self>,
@@ -146,8 +147,8 @@ pub trait CompositeOps: Backend {
 
 /// Colours, mattes, opacities and depths of rays from the samples of two fields.
 ///
-/// `object` [m_f, 6], `background` [m_b, 5] and `sharpness` [2] (the `b` of `Phi_b` for F and B)
-/// to [rays, 16]; what columns mean is in [`object_column`], [`background_column`] and [`column`].
+/// `object` `[m_f, 6]`, `background` `[m_b, 5]` and `sharpness` `[2]` (the `b` of `Phi_b` for F and B)
+/// to `[rays, 16]`; what columns mean is in [`object_column`], [`background_column`] and [`mod@column`].
 /// A field without any sample is a tensor with zero rows. Rays without intervals give zeros.
 ///
 /// The gradient of the log-transmittance with respect to a matte value is `-a / (1 - m a)`; its

@@ -25,8 +25,8 @@ pub struct Packing {
 }
 
 impl Packing {
-    /// A packing from its lists: `ray_offsets` [rays + 1], midpoints `t` and lengths `dt` [n], and
-    /// for each field the intervals that its rows belong to, strictly ascending, [m_f] and [m_b].
+    /// A packing from its lists: `ray_offsets` `[rays + 1]`, midpoints `t` and lengths `dt` `[n]`, and
+    /// for each field the intervals that its rows belong to, strictly ascending, `[m_f]` and `[m_b]`.
     ///
     /// # Panics
     /// When offsets don't ascend from 0 to n, lengths differ, or indices don't ascend within 0..n.
@@ -99,37 +99,37 @@ impl Packing {
         self.t.len()
     }
 
-    /// Ray `i` has the intervals `ray_offsets[i]..ray_offsets[i + 1]`; [rays + 1].
+    /// Ray `i` has the intervals `ray_offsets[i]..ray_offsets[i + 1]`; `[rays + 1]`.
     pub fn ray_offsets(&self) -> &[u32] {
         &self.ray_offsets
     }
 
-    /// Midpoints of the intervals; [n].
+    /// Midpoints of the intervals; `[n]`.
     pub fn t(&self) -> &[f32] {
         &self.t
     }
 
-    /// Lengths of the intervals; [n].
+    /// Lengths of the intervals; `[n]`.
     pub fn dt(&self) -> &[f32] {
         &self.dt
     }
 
-    /// The interval of each row of the object's tensor; [m_f].
+    /// The interval of each row of the object's tensor; `[m_f]`.
     pub fn object(&self) -> &[u32] {
         &self.object
     }
 
-    /// The interval of each row of the background's tensor; [m_b].
+    /// The interval of each row of the background's tensor; `[m_b]`.
     pub fn background(&self) -> &[u32] {
         &self.background
     }
 
-    /// Ray `i` has the object's rows `object_offsets[i]..object_offsets[i + 1]`; [rays + 1].
+    /// Ray `i` has the object's rows `object_offsets[i]..object_offsets[i + 1]`; `[rays + 1]`.
     pub fn object_offsets(&self) -> &[u32] {
         &self.object_offsets
     }
 
-    /// As [`object_offsets`](Self::object_offsets), for the background; [rays + 1].
+    /// As [`object_offsets`](Self::object_offsets), for the background; `[rays + 1]`.
     pub fn background_offsets(&self) -> &[u32] {
         &self.background_offsets
     }

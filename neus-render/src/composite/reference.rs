@@ -27,8 +27,8 @@ pub fn composite_reference(
     }
     let f = grid.spread(object, packing.object());
     let b = grid.spread(background, packing.background());
-    let s_f = sharpness.clone().slice([0..1]).reshape([1, 1]);
-    let s_b = sharpness.slice([1..2]).reshape([1, 1]);
+    let s_f = sharpness.clone().narrow(0, 0, 1).reshape([1, 1]);
+    let s_b = sharpness.narrow(0, 1, 1).reshape([1, 1]);
 
     let column_of = |x: &Tensor<3>, i: usize| -> Tensor<2> {
         let [rays, longest, _] = x.dims();

@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 /// Triangles over shared vertices.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Mesh {
-    /// Where the vertices are; [v].
+    /// Where the vertices are; `[v]`.
     pub positions: Vec<Vec3>,
-    /// Unit normals that point out of the solid; [v].
+    /// Unit normals that point out of the solid; `[v]`.
     pub normals: Vec<Vec3>,
-    /// Vertex numbers, counter-clockwise seen from outside; [f].
+    /// Vertex numbers, counter-clockwise seen from outside; `[f]`.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -95,7 +95,7 @@ impl Mesh {
         dropped.len()
     }
 
-    /// For every vertex the number of its connected part: that part's smallest vertex. [v]
+    /// For every vertex the number of its connected part: that part's smallest vertex. `[v]`
     pub fn parts(&self) -> Vec<u32> {
         let mut parent: Vec<u32> = (0..self.positions.len() as u32).collect();
         fn root(parent: &mut [u32], mut i: u32) -> u32 {

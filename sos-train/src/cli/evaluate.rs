@@ -58,7 +58,11 @@ fn make_report(run: &RunFolder, gt: Option<&Path>) -> anyhow::Result<()> {
 /// A scene with true mattes, or their folder itself.
 fn mattes_in(gt: &Path) -> PathBuf {
     let inner = gt.join("alpha_gt");
-    if inner.is_dir() { inner } else { gt.to_path_buf() }
+    if inner.is_dir() {
+        inner
+    } else {
+        gt.to_path_buf()
+    }
 }
 
 /// Writes `metrics.json`.

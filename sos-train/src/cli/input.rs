@@ -97,7 +97,13 @@ impl Plan {
             (None, _) => Masks::Look,
         };
         let polarity = args.polarity.or(recorded.and_then(|input| input.polarity));
-        Ok(Self { config, source, masks, polarity, out })
+        Ok(Self {
+            config,
+            source,
+            masks,
+            polarity,
+            out,
+        })
     }
 }
 
@@ -152,8 +158,11 @@ fn no_scene(scene: &Path) -> InputError {
 }
 
 fn read_record(path: &Path) -> anyhow::Result<RunRecord> {
-    let text = fs::read_to_string(path)
-        .map_err(|source| RunError::Io { action: "read", path: path.to_path_buf(), source })?;
+    let text = fs::read_to_string(path).map_err(|source| RunError::Io {
+        action: "read",
+        path: path.to_path_buf(),
+        source,
+    })?;
     RunRecord::from_toml(&text).with_context(|| path.display().to_string())
 }
 

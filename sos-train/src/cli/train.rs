@@ -83,22 +83,40 @@ fn open(
         Some(run) => run,
         None => folder(args, &plan.out)?,
     };
-    let input =
-        record_input(scene_dir, masks_dir.as_deref(), plan.polarity, &plan.out, demo);
+    let input = record_input(
+        scene_dir,
+        masks_dir.as_deref(),
+        plan.polarity,
+        &plan.out,
+        demo,
+    );
     let config = RunRecord::new(plan.config.clone(), input).to_toml()?;
     if args.resume || demo {
         run.write_durably(&run.config_path(), |out| out.write_all(config.as_bytes()))?;
     } else {
         run.set_config(config);
     }
-    Ok(Ready { scene_dir: scene_dir.to_path_buf(), masks_dir, scene, masks, run })
+    Ok(Ready {
+        scene_dir: scene_dir.to_path_buf(),
+        masks_dir,
+        scene,
+        masks,
+        run,
+    })
 }
 
 fn folder(args: &TrainArgs, path: &Path) -> Result<RunFolder, RunError> {
     if args.resume {
         RunFolder::open_existing(path)
     } else {
-        RunFolder::create(path, if args.force { Existing::Replace } else { Existing::Keep })
+        RunFolder::create(
+            path,
+            if args.force {
+                Existing::Replace
+            } else {
+                Existing::Keep
+            },
+        )
     }
 }
 
@@ -109,8 +127,11 @@ fn prepare_demo(args: &TrainArgs, plan: &Plan, screen: &Progress) -> anyhow::Res
     run.begin()?;
     let dir = run.demo_scene_dir();
     if was_demo && args.force && dir.is_dir() {
-        std::fs::remove_dir_all(&dir)
-            .map_err(|source| RunError::Io { action: "remove", path: dir.clone(), source })?;
+        std::fs::remove_dir_all(&dir).map_err(|source| RunError::Io {
+            action: "remove",
+            path: dir.clone(),
+            source,
+        })?;
     }
     if !(args.resume && dir.is_dir()) {
         screen.note("the demo scene is generated");
@@ -127,7 +148,9 @@ fn start(
 ) -> anyhow::Result<TrainOutcome> {
     let interrupt = Arc::new(AtomicBool::new(false));
     if let Err(error) = watch_interrupt(Arc::clone(&interrupt)) {
-        screen.warn(&format!("Ctrl-C will stop the run without saving ({error})"));
+        screen.warn(&format!(
+            "Ctrl-C will stop the run without saving ({error})"
+        ));
     }
     crate::train::run(&TrainJob {
         config: plan.config,
@@ -147,20 +170,25 @@ fn start(
 fn finish(run: &RunFolder, demo: bool, screen: &Progress) -> anyhow::Result<()> {
     if demo {
         let scene = run.demo_scene_dir();
-        let report =
-            sos_eval::run_eval(run.root(), &scene, Some(&scene.join("coarse_masks")))?;
+        let report = sos_eval::run_eval(run.root(), &scene, Some(&scene.join("coarse_masks")))?;
         evaluate::write_metrics(run, &report)?;
         screen.note(&report.to_string());
     }
     write_report(run, &ReportInputs::gather(run)?)?;
-    answer(&format!("everything is in {}; start with report.html", run.root().display()));
+    answer(&format!(
+        "everything is in {}; start with report.html",
+        run.root().display()
+    ));
     Ok(())
 }
 
 /// A path that can be pasted into a shell.
 fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
-    if text.chars().all(|c| c.is_alphanumeric() || "/\\._-:~+,@".contains(c)) {
+    if text
+        .chars()
+        .all(|c| c.is_alphanumeric() || "/\\._-:~+,@".contains(c))
+    {
         text
     } else {
         format!("'{}'", text.replace('\'', "'\\''"))

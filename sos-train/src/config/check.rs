@@ -4,7 +4,12 @@ use super::overlay::entries;
 use super::{ConfigError, DEVICES, TrainConfig};
 
 /// Settings that a checkpoint has built in: sizes of tables and networks, the box, the random draws.
-const FIXED_ON_RESUME: [&str; 4] = ["model.", "prepare.", "sampling.occupancy_resolution", "seed"];
+const FIXED_ON_RESUME: [&str; 4] = [
+    "model.",
+    "prepare.",
+    "sampling.occupancy_resolution",
+    "seed",
+];
 
 impl TrainConfig {
     /// Checks that every value lies in the range where it means something.
@@ -13,29 +18,67 @@ impl TrainConfig {
     /// [`ConfigError::Value`] for the first that does not.
     pub fn validate(&self) -> Result<(), ConfigError> {
         if !DEVICES.contains(&self.device.as_str()) {
-            return Err(bad("device", &self.device, format!("the devices are {}", DEVICES.join(", "))));
+            return Err(bad(
+                "device",
+                &self.device,
+                format!("the devices are {}", DEVICES.join(", ")),
+            ));
         }
         if i64::try_from(self.seed).is_err() {
-            return Err(bad("seed", self.seed, format!("it must be at most {}", i64::MAX)));
+            return Err(bad(
+                "seed",
+                self.seed,
+                format!("it must be at most {}", i64::MAX),
+            ));
         }
         let (model, loss, schedule) = (&self.model, &self.loss, &self.schedule);
         let (sampling, prepare, export) = (&self.sampling, &self.prepare, &self.export);
         for (key, value, least, most) in [
             ("steps", self.steps, 1, 10_000_000),
-            ("model.levels", model.levels, 1, 32),
+            ("model.levels", model.levels, 0, 32),
             ("model.base_resolution", model.base_resolution, 2, 4096),
-            ("model.finest_resolution", model.finest_resolution, 0, 1 << 20),
+            (
+                "model.finest_resolution",
+                model.finest_resolution,
+                0,
+                1 << 20,
+            ),
             ("model.log2_table_size", model.log2_table_size, 8, 24),
             ("model.hidden", model.hidden, 8, 1024),
             ("model.object_features", model.object_features, 1, 256),
-            ("model.background_features", model.background_features, 1, 256),
+            (
+                "model.background_features",
+                model.background_features,
+                1,
+                256,
+            ),
             ("schedule.first_levels", schedule.first_levels, 1, 32),
             ("sampling.rays", sampling.rays, 1, 1 << 20),
-            ("sampling.target_samples", sampling.target_samples, 64, 1 << 24),
+            (
+                "sampling.target_samples",
+                sampling.target_samples,
+                64,
+                1 << 24,
+            ),
             ("sampling.object_steps", sampling.object_steps, 8, 4096),
-            ("sampling.background_samples", sampling.background_samples, 4, 4096),
-            ("sampling.occupancy_resolution", sampling.occupancy_resolution, 8, 512),
-            ("sampling.occupancy_every", sampling.occupancy_every, 1, 100_000),
+            (
+                "sampling.background_samples",
+                sampling.background_samples,
+                4,
+                4096,
+            ),
+            (
+                "sampling.occupancy_resolution",
+                sampling.occupancy_resolution,
+                8,
+                512,
+            ),
+            (
+                "sampling.occupancy_every",
+                sampling.occupancy_every,
+                1,
+                100_000,
+            ),
             ("export.edge_rays", export.edge_rays, 1, 256),
             ("export.mesh_resolution", export.mesh_resolution, 16, 4096),
         ] {
@@ -67,7 +110,11 @@ impl TrainConfig {
             ("prepare.crop_threshold", prepare.crop_threshold),
         ] {
             if !(0.0..=1.0).contains(&value) {
-                return Err(bad(key, value, "it is a share and must lie in 0..=1".to_owned()));
+                return Err(bad(
+                    key,
+                    value,
+                    "it is a share and must lie in 0..=1".to_owned(),
+                ));
             }
         }
         if loss.mask_end < loss.mask_hold {
@@ -95,7 +142,10 @@ impl TrainConfig {
             ("loss.mask", loss.mask),
             ("loss.points", loss.points),
             ("loss.background", loss.background),
-            ("schedule.sharpness_learning_rate", schedule.sharpness_learning_rate),
+            (
+                "schedule.sharpness_learning_rate",
+                schedule.sharpness_learning_rate,
+            ),
             ("schedule.sharpness_start", schedule.sharpness_start),
             ("prepare.box_margin", prepare.box_margin),
         ] {
@@ -129,5 +179,9 @@ impl TrainConfig {
 }
 
 fn bad(key: &str, value: impl ToString, reason: String) -> ConfigError {
-    ConfigError::Value { key: key.to_owned(), value: value.to_string(), reason }
+    ConfigError::Value {
+        key: key.to_owned(),
+        value: value.to_string(),
+        reason,
+    }
 }

@@ -4,7 +4,9 @@
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ConfigError {
     /// The text is not TOML.
-    #[error("the configuration is not valid TOML ({reason}); repair the line, or start from a preset")]
+    #[error(
+        "the configuration is not valid TOML ({reason}); repair the line, or start from a preset"
+    )]
     Syntax {
         /// What the parser said, on one line.
         reason: String,
@@ -34,7 +36,9 @@ pub enum ConfigError {
         reason: String,
     },
     /// A setting that a run in progress cannot change.
-    #[error("{key} is {saved} in the run to be resumed and cannot become {wanted}; leave it out, or start a new run with --force or another --out")]
+    #[error(
+        "{key} is {saved} in the run to be resumed and cannot become {wanted}; leave it out, or start a new run with --force or another --out"
+    )]
     FixedOnResume {
         /// The key with its section.
         key: String,

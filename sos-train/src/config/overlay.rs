@@ -18,7 +18,9 @@ pub(super) fn lay_over(base: &TrainConfig, top: Table) -> Result<TrainConfig, Co
 /// Lays one `key=value` over `base`.
 pub(super) fn assign(base: &TrainConfig, assignment: &str) -> Result<TrainConfig, ConfigError> {
     let Some((key, text)) = assignment.split_once('=') else {
-        return Err(ConfigError::Assignment { text: assignment.to_owned() });
+        return Err(ConfigError::Assignment {
+            text: assignment.to_owned(),
+        });
     };
     let (key, text) = (key.trim(), text.trim());
     if key == "preset" {
@@ -62,12 +64,16 @@ fn parse(text: &str) -> Value {
 }
 
 fn tree(config: &TrainConfig) -> Result<Table, ConfigError> {
-    Table::try_from(config).map_err(|e| ConfigError::Syntax { reason: one_line(e.to_string()) })
+    Table::try_from(config).map_err(|e| ConfigError::Syntax {
+        reason: one_line(e.to_string()),
+    })
 }
 
 fn read(tree: Table) -> Result<TrainConfig, ConfigError> {
     tree.try_into()
-        .map_err(|e: toml::de::Error| ConfigError::Syntax { reason: one_line(e.message()) })
+        .map_err(|e: toml::de::Error| ConfigError::Syntax {
+            reason: one_line(e.message()),
+        })
 }
 
 fn flatten(table: Table) -> Vec<(String, Value)> {
@@ -92,7 +98,10 @@ fn set(tree: &mut Table, key: &str, value: Value) -> Result<(), ConfigError> {
         None => tree.get_mut(key).filter(|value| !value.is_table()),
     };
     let Some(slot) = slot else {
-        return Err(ConfigError::UnknownKey { key: key.to_owned(), remedy: nearest(key) });
+        return Err(ConfigError::UnknownKey {
+            key: key.to_owned(),
+            remedy: nearest(key),
+        });
     };
     *slot = coerce(slot, value).map_err(|(value, reason)| ConfigError::Value {
         key: key.to_owned(),
@@ -160,5 +169,8 @@ fn nearest(key: &str) -> String {
 
 /// Parsers like to quote the file over several lines.
 pub(super) fn one_line(text: impl AsRef<str>) -> String {
-    text.as_ref().split_whitespace().collect::<Vec<_>>().join(" ")
+    text.as_ref()
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
 }

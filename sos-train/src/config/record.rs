@@ -87,7 +87,11 @@ impl RunRecord {
     /// The record of a run that this program starts.
     #[must_use]
     pub fn new(config: TrainConfig, input: InputRecord) -> Self {
-        Self { config, input: Some(input), versions: Some(Versions::current()) }
+        Self {
+            config,
+            input: Some(input),
+            versions: Some(Versions::current()),
+        }
     }
 
     /// The file's text.
@@ -116,11 +120,21 @@ impl RunRecord {
             Some(value) => section::<Preset>("preset", value.clone())?,
             None => Preset::default(),
         };
-        let input = table.remove(INPUT).map(|value| section(INPUT, value)).transpose()?;
-        let versions = table.remove(VERSIONS).map(|value| section(VERSIONS, value)).transpose()?;
+        let input = table
+            .remove(INPUT)
+            .map(|value| section(INPUT, value))
+            .transpose()?;
+        let versions = table
+            .remove(VERSIONS)
+            .map(|value| section(VERSIONS, value))
+            .transpose()?;
         let config = super::overlay::lay_over(&TrainConfig::preset(preset), table)?;
         config.validate()?;
-        Ok(Self { config, input, versions })
+        Ok(Self {
+            config,
+            input,
+            versions,
+        })
     }
 }
 
@@ -137,7 +151,9 @@ fn parse(text: &str) -> Result<Table, ConfigError> {
         let line = e.span().map_or(0, |span| {
             text.get(..span.start).unwrap_or(text).matches('\n').count() + 1
         });
-        ConfigError::Syntax { reason: format!("line {line}: {}", one_line(e.message())) }
+        ConfigError::Syntax {
+            reason: format!("line {line}: {}", one_line(e.message())),
+        }
     })
 }
 
@@ -146,13 +162,17 @@ fn section<T: serde::de::DeserializeOwned>(key: &str, value: Value) -> Result<T,
         Value::Table(_) => "[…]".to_owned(),
         plain => plain.to_string(),
     };
-    value.try_into().map_err(|e: toml::de::Error| ConfigError::Value {
-        key: key.to_owned(),
-        value: shown,
-        reason: one_line(e.message()),
-    })
+    value
+        .try_into()
+        .map_err(|e: toml::de::Error| ConfigError::Value {
+            key: key.to_owned(),
+            value: shown,
+            reason: one_line(e.message()),
+        })
 }
 
 fn written(value: &impl Serialize) -> Result<String, ConfigError> {
-    toml::to_string(value).map_err(|e| ConfigError::Syntax { reason: one_line(e.to_string()) })
+    toml::to_string(value).map_err(|e| ConfigError::Syntax {
+        reason: one_line(e.to_string()),
+    })
 }

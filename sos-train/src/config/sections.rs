@@ -60,7 +60,7 @@ pub enum ColourLoss {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelConfig {
-    /// Levels of each hash grid.
+    /// Levels of each hash grid; 0 chooses them from the footprint of a pixel.
     pub levels: u32,
     /// Cells along the box at the coarsest level.
     pub base_resolution: u32,

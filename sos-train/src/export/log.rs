@@ -80,7 +80,9 @@ impl TrainLog {
                 })
             })
             .collect();
-        run.write(&path, |out| kept.iter().try_for_each(|line| writeln!(out, "{line}")))?;
+        run.write(&path, |out| {
+            kept.iter().try_for_each(|line| writeln!(out, "{line}"))
+        })?;
         Self::append(path)
     }
 
@@ -105,7 +107,11 @@ impl TrainLog {
         let mut object = Map::new();
         object.insert("step".to_owned(), step.into());
         object.insert("event".to_owned(), event.into());
-        object.extend(details.into_iter().map(|(key, value)| (key.to_owned(), value)));
+        object.extend(
+            details
+                .into_iter()
+                .map(|(key, value)| (key.to_owned(), value)),
+        );
         self.line(&object)
     }
 

@@ -36,18 +36,32 @@ pub struct WorldMesh {
 /// If normals or colours are not one per vertex, or a triangle names a vertex that does not exist.
 pub fn write_mesh(run: &RunFolder, mesh: &WorldMesh) -> Result<(), ExportError> {
     let vertices = mesh.positions.len();
-    assert_eq!(mesh.normals.len(), vertices, "write_mesh: normals are not one per vertex");
-    assert_eq!(mesh.colours.len(), vertices, "write_mesh: colours are not one per vertex");
+    assert_eq!(
+        mesh.normals.len(),
+        vertices,
+        "write_mesh: normals are not one per vertex"
+    );
+    assert_eq!(
+        mesh.colours.len(),
+        vertices,
+        "write_mesh: colours are not one per vertex"
+    );
     assert!(
-        mesh.triangles.iter().flatten().all(|i| (*i as usize) < vertices),
+        mesh.triangles
+            .iter()
+            .flatten()
+            .all(|i| (*i as usize) < vertices),
         "write_mesh: a triangle names a vertex beyond the {vertices} there are"
     );
     Ok(run.write(&run.mesh_path(), |out| encode(out, mesh))?)
 }
 
 fn encode(out: &mut impl Write, mesh: &WorldMesh) -> io::Result<()> {
-    let coordinate =
-        if needs_double(&mesh.positions) { ScalarType::Double } else { ScalarType::Float };
+    let coordinate = if needs_double(&mesh.positions) {
+        ScalarType::Double
+    } else {
+        ScalarType::Float
+    };
     let vertex = element(
         "vertex",
         mesh.positions.len(),
@@ -61,12 +75,19 @@ fn encode(out: &mut impl Write, mesh: &WorldMesh) -> io::Result<()> {
     let face = element(
         "face",
         mesh.triangles.len(),
-        [("vertex_indices", PropertyType::List(ScalarType::UChar, ScalarType::Int))],
+        [(
+            "vertex_indices",
+            PropertyType::List(ScalarType::UChar, ScalarType::Int),
+        )],
     );
     let mut header = Header::new();
     header.encoding = Encoding::BinaryLittleEndian;
-    header.comments.push(concat!("made by sos ", env!("CARGO_PKG_VERSION")).to_owned());
-    header.comments.push("colours are sRGB, coordinates those of the camera poses".to_owned());
+    header
+        .comments
+        .push(concat!("made by sos ", env!("CARGO_PKG_VERSION")).to_owned());
+    header
+        .comments
+        .push("colours are sRGB, coordinates those of the camera poses".to_owned());
     header.elements.add(vertex.clone());
     header.elements.add(face.clone());
 
@@ -74,7 +95,11 @@ fn encode(out: &mut impl Write, mesh: &WorldMesh) -> io::Result<()> {
     let writer = Writer::<Vertex>::new();
     for ((position, normal), colour) in mesh.positions.iter().zip(&mesh.normals).zip(&mesh.colours)
     {
-        let element = Vertex { position: *position, normal: *normal, colour: *colour };
+        let element = Vertex {
+            position: *position,
+            normal: *normal,
+            colour: *colour,
+        };
         writer.write_little_endian_element(out, &element, &vertex)?;
     }
     let writer = Writer::<Face>::new();
@@ -92,7 +117,9 @@ fn element<'a>(
     let mut element = ElementDef::new(name.to_owned());
     element.count = count;
     for (name, kind) in properties {
-        element.properties.add(PropertyDef::new(name.to_owned(), kind));
+        element
+            .properties
+            .add(PropertyDef::new(name.to_owned(), kind));
     }
     element
 }
@@ -106,7 +133,9 @@ fn needs_double(positions: &[[f64; 3]]) -> bool {
         }
     }
     let extent = (0..3).map(|i| high[i] - low[i]).fold(0.0, f64::max);
-    let farthest = (0..3).map(|i| high[i].abs().max(low[i].abs())).fold(0.0, f64::max);
+    let farthest = (0..3)
+        .map(|i| high[i].abs().max(low[i].abs()))
+        .fold(0.0, f64::max);
     farthest > FLOAT_IS_ENOUGH * extent
 }
 
@@ -118,7 +147,11 @@ struct Vertex {
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
-        Self { position: [0.0; 3], normal: [0.0; 3], colour: [0; 3] }
+        Self {
+            position: [0.0; 3],
+            normal: [0.0; 3],
+            colour: [0; 3],
+        }
     }
 
     fn get_double(&self, name: &str) -> Option<f64> {
@@ -134,7 +167,9 @@ impl PropertyAccess for Vertex {
     }
 
     fn get_uchar(&self, name: &str) -> Option<u8> {
-        let channel = ["red", "green", "blue"].iter().position(|channel| *channel == name)?;
+        let channel = ["red", "green", "blue"]
+            .iter()
+            .position(|channel| *channel == name)?;
         Some(self.colour[channel])
     }
 }

@@ -33,7 +33,9 @@ pub enum ExportError {
     #[error(transparent)]
     Run(#[from] RunError),
     /// Two photos whose results would have one name.
-    #[error("the photos {first:?} and {second:?} differ only in their ending, so that their mattes would have the same name; rename one of them in the photo folder and the model")]
+    #[error(
+        "the photos {first:?} and {second:?} differ only in their ending, so that their mattes would have the same name; rename one of them in the photo folder and the model"
+    )]
     SameName {
         /// One photo.
         first: String,

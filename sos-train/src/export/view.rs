@@ -67,7 +67,11 @@ pub fn write_view(run: &RunFolder, view: &ViewRender) -> Result<(), ExportError>
             view.width, view.height
         );
     }
-    let alpha: Vec<u8> = view.alpha.iter().flat_map(|a| word(*a).to_be_bytes()).collect();
+    let alpha: Vec<u8> = view
+        .alpha
+        .iter()
+        .flat_map(|a| word(*a).to_be_bytes())
+        .collect();
     let cut_out: Vec<u8> = view
         .foreground
         .iter()
@@ -90,10 +94,22 @@ pub fn write_view(run: &RunFolder, view: &ViewRender) -> Result<(), ExportError>
     use ColorType::{Grayscale, Rgb, Rgba};
     use Meaning::{Colour, Data};
     for (folder, picture) in [
-        (run.alpha_dir(), picture(Grayscale, Sixteen, Data, ALPHA, &alpha)),
-        (run.foreground_dir(), picture(Rgba, Eight, Colour, FOREGROUND, &cut_out)),
-        (run.background_dir(), picture(Rgb, Eight, Colour, BACKGROUND, &plate)),
-        (run.background_seen_dir(), picture(Grayscale, Eight, Data, SEEN, &view.seen)),
+        (
+            run.alpha_dir(),
+            picture(Grayscale, Sixteen, Data, ALPHA, &alpha),
+        ),
+        (
+            run.foreground_dir(),
+            picture(Rgba, Eight, Colour, FOREGROUND, &cut_out),
+        ),
+        (
+            run.background_dir(),
+            picture(Rgb, Eight, Colour, BACKGROUND, &plate),
+        ),
+        (
+            run.background_seen_dir(),
+            picture(Grayscale, Eight, Data, SEEN, &view.seen),
+        ),
         (run.normal_dir(), picture(Rgb, Eight, Data, NORMAL, &normal)),
     ] {
         picture.write(run, &view_file(&folder, &view.name, "png"))?;
@@ -127,10 +143,7 @@ fn encode_normal(normal: &[f32; 3]) -> [u8; 3] {
     }
 }
 
-fn write_depth(
-    out: &mut BufWriter<&mut std::fs::File>,
-    view: &ViewRender,
-) -> io::Result<()> {
+fn write_depth(out: &mut BufWriter<&mut std::fs::File>, view: &ViewRender) -> io::Result<()> {
     let channel = AnyChannel::new("Z", FlatSamples::F32(view.depth.clone()));
     let mut attributes = LayerAttributes::named("depth");
     attributes.comments = Some(Text::from(DEPTH));

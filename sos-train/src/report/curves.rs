@@ -19,6 +19,8 @@ const BOTTOM: f64 = 184.0;
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Scale {
     Linear,
+    /// Linear, and zero is shown: for what would otherwise look wilder than it is.
+    FromZero,
     Log,
 }
 
@@ -30,10 +32,14 @@ struct Curve {
 
 /// All plots that the log has something for, each a `<figure>`.
 pub(super) fn plots(log: &[Map<String, Value>]) -> String {
-    let records: Vec<&Map<String, Value>> =
-        log.iter().filter(|line| !line.contains_key("event")).collect();
+    let records: Vec<&Map<String, Value>> = log
+        .iter()
+        .filter(|line| !line.contains_key("event"))
+        .collect();
     let one = |key: &str, name: &str| -> Vec<Curve> {
-        curve(&records, name, |record| record.get(key)).into_iter().collect()
+        curve(&records, name, |record| record.get(key))
+            .into_iter()
+            .collect()
     };
     let mut losses: Vec<String> = records
         .iter()
@@ -49,12 +55,28 @@ pub(super) fn plots(log: &[Map<String, Value>]) -> String {
     let mut sharpness = one("sharpness", "object");
     sharpness.extend(one("sharpness_background", "background"));
     [
-        ("PSNR of training rays, dB", Scale::Linear, one("psnr", "PSNR")),
+        (
+            "PSNR of training rays, dB",
+            Scale::Linear,
+            one("psnr", "PSNR"),
+        ),
         ("losses, weighted", Scale::Log, losses),
         ("sharpness b", Scale::Log, sharpness),
-        ("change of the mattes", Scale::Log, one("alpha_change", "alpha change")),
-        ("samples a second", Scale::Linear, one("samples_per_second", "samples/s")),
-        ("hash levels in use", Scale::Linear, one("levels", "levels")),
+        (
+            "change of the mattes",
+            Scale::Log,
+            one("alpha_change", "alpha change"),
+        ),
+        (
+            "samples a second",
+            Scale::FromZero,
+            one("samples_per_second", "samples/s"),
+        ),
+        (
+            "hash levels in use",
+            Scale::FromZero,
+            one("levels", "levels"),
+        ),
     ]
     .into_iter()
     .filter_map(|(title, scale, curves)| plot(title, scale, curves))
@@ -75,7 +97,10 @@ fn curve<'a>(
             Some((step, value))
         })
         .collect();
-    (points.len() > 1).then(|| Curve { name: name.to_owned(), points: thinned(&points) })
+    (points.len() > 1).then(|| Curve {
+        name: name.to_owned(),
+        points: thinned(&points),
+    })
 }
 
 /// Means over equal runs of points.
@@ -85,7 +110,9 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         .chunks(run)
         .map(|part| {
             let n = part.len() as f64;
-            let sum = part.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p.0, sum.1 + p.1));
+            let sum = part
+                .iter()
+                .fold((0.0, 0.0), |sum, p| (sum.0 + p.0, sum.1 + p.1));
             (sum.0 / n, sum.1 / n)
         })
         .collect()
@@ -111,6 +138,7 @@ fn plot(title: &str, scale: Scale, mut curves: Vec<Curve>) -> Option<String> {
     }
     let ticks = match scale {
         Scale::Linear => ticks(low, high),
+        Scale::FromZero => ticks(low.min(0.0), high),
         Scale::Log => log_ticks(low, high),
     };
     if let (Some(first), Some(final_)) = (ticks.first(), ticks.last()) {
@@ -129,7 +157,7 @@ fn plot(title: &str, scale: Scale, mut curves: Vec<Curve>) -> Option<String> {
     );
     for tick in ticks {
         let shown = match scale {
-            Scale::Linear => label(tick),
+            Scale::Linear | Scale::FromZero => label(tick),
             Scale::Log => label(10_f64.powf(tick)),
         };
         let _ = writeln!(
@@ -150,8 +178,11 @@ fn plot(title: &str, scale: Scale, mut curves: Vec<Curve>) -> Option<String> {
         );
     }
     for (number, curve) in curves.iter().enumerate() {
-        let points: String =
-            curve.points.iter().map(|p| format!("{:.1},{:.1} ", x(p.0), y(p.1))).collect();
+        let points: String = curve
+            .points
+            .iter()
+            .map(|p| format!("{:.1},{:.1} ", x(p.0), y(p.1)))
+            .collect();
         let _ = writeln!(
             svg,
             "<polyline class=\"curve s{}\" points=\"{}\"/>",
@@ -181,7 +212,10 @@ fn ticks(low: f64, high: f64) -> Vec<f64> {
     let span = (high - low).max(1e-9);
     let rough = span / 4.0;
     let power = 10_f64.powf(rough.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= rough);
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .into_iter()
+        .map(|m| m * power)
+        .find(|s| *s >= rough);
     let step = step.unwrap_or(10.0 * power);
     let first = (low / step).floor() as i64;
     let last = (high / step).ceil() as i64;
@@ -192,11 +226,17 @@ fn ticks(low: f64, high: f64) -> Vec<f64> {
 fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     let (first, last) = (low.floor() as i64, high.ceil() as i64);
     let every = ((last - first) / 5).max(1);
-    (first..=last).step_by(every as usize).map(|i| i as f64).collect()
+    (first..=last)
+        .step_by(every as usize)
+        .map(|i| i as f64)
+        .collect()
 }
 
 fn ticks_of_steps(last: f64) -> Vec<f64> {
-    ticks(0.0, last).into_iter().filter(|step| *step <= last * 1.001).collect()
+    ticks(0.0, last)
+        .into_iter()
+        .filter(|step| *step <= last * 1.001)
+        .collect()
 }
 
 /// 0.05, 12, 3 k, 1.5 M; powers of ten below a thousandth as 1e-4.
@@ -224,7 +264,10 @@ mod tests {
     use serde_json::json;
 
     fn log(lines: impl IntoIterator<Item = Value>) -> Vec<Map<String, Value>> {
-        lines.into_iter().filter_map(|line| line.as_object().cloned()).collect()
+        lines
+            .into_iter()
+            .filter_map(|line| line.as_object().cloned())
+            .collect()
     }
 
     #[test]
@@ -237,7 +280,10 @@ mod tests {
     #[test]
     fn labels_are_short() {
         let shown = [0.0, 0.05, 12.0, 2500.0, 1.5e6, 1e-3, 1e-5].map(label);
-        assert_eq!(shown, ["0", "0.05", "12", "2.5 k", "1.5 M", "0.001", "1e-5"]);
+        assert_eq!(
+            shown,
+            ["0", "0.05", "12", "2.5 k", "1.5 M", "0.001", "1e-5"]
+        );
     }
 
     #[test]

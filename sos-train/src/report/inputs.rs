@@ -39,16 +39,25 @@ impl ReportInputs {
     /// [`ReportError`] if the run is incomplete, or its photos or masks are gone.
     pub fn gather(run: &RunFolder) -> Result<Self, ReportError> {
         let path = run.config_path();
-        let bad = |reason: String| ReportError::Config { path: path.clone(), reason };
+        let bad = |reason: String| ReportError::Config {
+            path: path.clone(),
+            reason,
+        };
         let text = fs::read_to_string(&path).map_err(|e| RunError::io("read", &path, e))?;
         let record = RunRecord::from_toml(&text).map_err(|e| bad(e.to_string()))?;
         let input = record.input.ok_or_else(|| {
-            bad("the section [input] is missing; make the report of a run that sos train wrote".to_owned())
+            bad(
+                "the section [input] is missing; make the report of a run that sos train wrote"
+                    .to_owned(),
+            )
         })?;
         // A run of the demo takes its scene along when it is moved.
         let inside = run.demo_scene_dir();
-        let scene_dir =
-            if input.demo && inside.is_dir() { inside } else { input.scene.clone() };
+        let scene_dir = if input.demo && inside.is_dir() {
+            inside
+        } else {
+            input.scene.clone()
+        };
         let masks_dir = match &input.masks {
             Some(masks) if input.demo => match masks.strip_prefix(&input.scene) {
                 Ok(below) => Some(scene_dir.join(below)),
@@ -64,12 +73,12 @@ impl ReportInputs {
         let log = read_log(run)?;
         Ok(Self {
             title: if input.demo {
-                "the demo scene".to_owned()
+                "Demo scene".to_owned()
             } else {
-                input
-                    .scene
-                    .file_name()
-                    .map_or_else(|| "scene".to_owned(), |name| name.to_string_lossy().into_owned())
+                input.scene.file_name().map_or_else(
+                    || "scene".to_owned(),
+                    |name| name.to_string_lossy().into_owned(),
+                )
             },
             config: record.config,
             versions: record.versions.unwrap_or_else(Versions::current),

@@ -1,8 +1,8 @@
 //! The page itself.
 
+use super::ReportInputs;
 use super::curves::plots;
 use super::views::{Cell, Row, columns};
-use super::ReportInputs;
 use crate::progress::duration;
 use serde_json::{Map, Value};
 use sos_eval::AlphaScore;
@@ -28,7 +28,10 @@ pub(super) fn page(inputs: &ReportInputs, rows: &[Row]) -> String {
     let curves = plots(&inputs.log);
     if !curves.is_empty() {
         // Writing to a string cannot fail, here and below.
-        let _ = write!(html, "<h2>Training</h2>\n<div class=\"plots\">\n{curves}</div>\n");
+        let _ = write!(
+            html,
+            "<h2>Training</h2>\n<div class=\"plots\">\n{curves}</div>\n"
+        );
     }
     if !inputs.notes.is_empty() {
         html.push_str("<h2>Notes</h2>\n<ul class=\"notes\">\n");
@@ -45,10 +48,15 @@ pub(super) fn page(inputs: &ReportInputs, rows: &[Row]) -> String {
 /// The line below the title.
 fn facts(inputs: &ReportInputs) -> String {
     let config = &inputs.config;
-    let device = last(&inputs.log, "device").and_then(Value::as_str).unwrap_or(&config.device);
+    let device = last(&inputs.log, "device")
+        .and_then(Value::as_str)
+        .unwrap_or(&config.device);
     let mut facts = vec![
         format!("preset {}", config.preset),
-        format!("{} steps", last_step(&inputs.log).unwrap_or(config.steps.into())),
+        format!(
+            "{} steps",
+            last_step(&inputs.log).unwrap_or(config.steps.into())
+        ),
     ];
     if let Some(seconds) = seconds(&inputs.log) {
         facts.push(duration(seconds));
@@ -67,25 +75,34 @@ fn facts(inputs: &ReportInputs) -> String {
 fn tiles(inputs: &ReportInputs) -> String {
     let mut tiles: Vec<(String, String)> = Vec::new();
     if let Some(metrics) = &inputs.metrics {
-        let was = metrics
-            .start
-            .map_or(String::new(), |start| format!(", coarse masks {:.3}", start.iou));
+        let was = metrics.start.map_or(String::new(), |start| {
+            format!(", coarse masks {:.3}", start.iou)
+        });
         tiles.push((format!("{:.3}", metrics.mean.iou), format!("IoU{was}")));
         if let Some(seen) = metrics.plate.as_ref().and_then(|plate| plate.seen) {
-            tiles.push((format!("{:.1} dB", seen.psnr), "plate PSNR behind the object".to_owned()));
+            tiles.push((
+                format!("{:.1} dB", seen.psnr),
+                "plate PSNR behind the object".to_owned(),
+            ));
         }
         if let Some(mesh) = &metrics.mesh {
             let share = 100.0 * mesh.relative.chamfer;
-            tiles.push((format!("{share:.2} %"), "mesh distance, of the object's size".to_owned()));
+            tiles.push((
+                format!("{share:.2} %"),
+                "mesh distance, of the object's size".to_owned(),
+            ));
         }
     }
     if let Some(psnr) = last(&inputs.log, "psnr").and_then(Value::as_f64) {
         tiles.push((format!("{psnr:.1} dB"), "PSNR of training rays".to_owned()));
     }
     let views = inputs.scene.model.views.len();
-    let masks = inputs.masks.as_ref().map_or("no masks".to_owned(), |masks| {
-        format!("{} with a mask", views - masks.missing.len().min(views))
-    });
+    let masks = inputs
+        .masks
+        .as_ref()
+        .map_or("no masks".to_owned(), |masks| {
+            format!("{} with a mask", views - masks.missing.len().min(views))
+        });
     tiles.push((views.to_string(), format!("views, {masks}")));
     let tiles: String = tiles
         .iter()
@@ -121,13 +138,23 @@ fn scores(inputs: &ReportInputs, rows: &[Row]) -> String {
     let worst: Vec<String> = worst
         .iter()
         .filter_map(|view| {
-            let at = rows.iter().position(|row| names_match(&row.stem, &view.name))?;
-            Some(format!("<a href=\"#v{at}\">{}</a> {:.3}", escape(&view.name), view.score.iou))
+            let at = rows
+                .iter()
+                .position(|row| names_match(&row.stem, &view.name))?;
+            Some(format!(
+                "<a href=\"#v{at}\">{}</a> {:.3}",
+                escape(&view.name),
+                view.score.iou
+            ))
         })
         .take(WORST)
         .collect();
     if !worst.is_empty() {
-        let _ = writeln!(html, "<p class=\"facts\">lowest IoU: {}</p>", worst.join(" · "));
+        let _ = writeln!(
+            html,
+            "<p class=\"facts\">lowest IoU: {}</p>",
+            worst.join(" · ")
+        );
     }
     html
 }
@@ -139,8 +166,10 @@ fn names_match(stem: &str, scored: &str) -> bool {
 
 fn views(inputs: &ReportInputs, rows: &[Row]) -> String {
     let columns = columns(inputs);
-    let mut html =
-        format!("<h2>Views</h2>\n<div class=\"views\" style=\"--columns:{}\">\n", columns.len());
+    let mut html = format!(
+        "<h2>Views</h2>\n<div class=\"views\" style=\"--columns:{}\">\n",
+        columns.len()
+    );
     html.push_str("<div class=\"row head\">");
     for column in &columns {
         let _ = write!(html, "<span>{column}</span>");
@@ -152,7 +181,9 @@ fn views(inputs: &ReportInputs, rows: &[Row]) -> String {
             .iter()
             .flat_map(|metrics| &metrics.views)
             .find(|view| names_match(&row.stem, &view.name))
-            .map_or(String::new(), |view| format!(" <em>IoU {:.3}</em>", view.score.iou));
+            .map_or(String::new(), |view| {
+                format!(" <em>IoU {:.3}</em>", view.score.iou)
+            });
         let _ = writeln!(
             html,
             "<section id=\"v{number}\"><h3>{}{iou}</h3>\n<div class=\"row\">",
@@ -169,7 +200,9 @@ fn views(inputs: &ReportInputs, rows: &[Row]) -> String {
 
 fn picture(cell: Option<&Cell>, column: &str, name: &str) -> String {
     let Some(Cell { picture, file }) = cell else {
-        return format!("<figure class=\"none\" data-column=\"{column}\"><span>none</span></figure>\n");
+        return format!(
+            "<figure class=\"none\" data-column=\"{column}\"><span>none</span></figure>\n"
+        );
     };
     let image = format!(
         "<img src=\"{}\" width=\"{}\" height=\"{}\" alt=\"{column} of {}\">",
@@ -199,26 +232,32 @@ fn link(path: &str) -> String {
 
 /// Text as HTML.
 pub(super) fn escape(text: &str) -> String {
-    text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            c => out.push(c),
-        }
-        out
-    })
+    text.chars()
+        .fold(String::with_capacity(text.len()), |mut out, c| {
+            match c {
+                '&' => out.push_str("&amp;"),
+                '<' => out.push_str("&lt;"),
+                '>' => out.push_str("&gt;"),
+                '"' => out.push_str("&quot;"),
+                '\'' => out.push_str("&#39;"),
+                c => out.push(c),
+            }
+            out
+        })
 }
 
 /// The last value of a key that is not null.
 fn last<'a>(log: &'a [Map<String, Value>], key: &str) -> Option<&'a Value> {
-    log.iter().rev().filter_map(|line| line.get(key)).find(|value| !value.is_null())
+    log.iter()
+        .rev()
+        .filter_map(|line| line.get(key))
+        .find(|value| !value.is_null())
 }
 
 fn last_step(log: &[Map<String, Value>]) -> Option<u64> {
-    log.iter().filter_map(|line| line.get("step")?.as_u64()).max()
+    log.iter()
+        .filter_map(|line| line.get("step")?.as_u64())
+        .max()
 }
 
 /// Of the whole run if it came to its end, else of training.

@@ -12,7 +12,8 @@ use std::path::Path;
 const JPEG_QUALITY: u8 = 82;
 /// Edge of a square of the checkerboard, in pixels of the thumbnail.
 const CHECKER: u32 = 8;
-const CHECKER_GREYS: [f32; 2] = [236.0, 204.0];
+/// Neither so light nor so dark that a white or a black object is lost in it.
+const CHECKER_GREYS: [f32; 2] = [178.0, 146.0];
 
 /// A picture ready for `src="…"`, with its size.
 #[derive(Debug, Clone)]
@@ -31,7 +32,11 @@ pub(super) fn open(path: &Path) -> Result<DynamicImage, ReportError> {
         .and_then(image::ImageReader::decode)
         .map_err(|e| ReportError::Picture {
             path: path.to_path_buf(),
-            reason: e.to_string().split_whitespace().collect::<Vec<_>>().join(" "),
+            reason: e
+                .to_string()
+                .split_whitespace()
+                .collect::<Vec<_>>()
+                .join(" "),
         })
 }
 
@@ -50,12 +55,8 @@ pub(super) fn matte(picture: &GrayImage, width: u32) -> Thumbnail {
     };
     let mut bytes = Vec::new();
     // Writing to memory cannot fail for a picture whose size fits its content.
-    let _ = PngEncoder::new(&mut bytes).write_image(
-        small.as_raw(),
-        w,
-        h,
-        image::ExtendedColorType::L8,
-    );
+    let _ =
+        PngEncoder::new(&mut bytes).write_image(small.as_raw(), w, h, image::ExtendedColorType::L8);
     embed("png", &bytes, w, h)
 }
 
@@ -69,8 +70,11 @@ pub(super) fn cut_out(picture: &DynamicImage, width: u32) -> Thumbnail {
         }
     }
     let (w, h) = fitted(full.dimensions(), width);
-    let small: RgbaImage =
-        if (w, h) == full.dimensions() { full } else { imageops::thumbnail(&full, w, h) };
+    let small: RgbaImage = if (w, h) == full.dimensions() {
+        full
+    } else {
+        imageops::thumbnail(&full, w, h)
+    };
     jpeg(&RgbImage::from_fn(w, h, |x, y| {
         let [r, g, b, a] = small.get_pixel(x, y).0.map(f32::from);
         let grey = CHECKER_GREYS[((x / CHECKER + y / CHECKER) % 2) as usize];
@@ -105,5 +109,9 @@ fn jpeg(picture: &RgbImage) -> Thumbnail {
 }
 
 fn embed(kind: &str, bytes: &[u8], width: u32, height: u32) -> Thumbnail {
-    Thumbnail { uri: format!("data:image/{kind};base64,{}", STANDARD.encode(bytes)), width, height }
+    Thumbnail {
+        uri: format!("data:image/{kind};base64,{}", STANDARD.encode(bytes)),
+        width,
+        height,
+    }
 }

@@ -46,8 +46,15 @@ pub(super) fn columns(inputs: &ReportInputs) -> Vec<&'static str> {
 /// Makes all thumbnails.
 pub(super) fn rows(run: &RunFolder, inputs: &ReportInputs) -> Result<Vec<Row>, ReportError> {
     let views = &inputs.scene.model.views;
-    let width = if views.len() > MANY_VIEWS { NARROW } else { WIDE };
-    (0..views.len()).into_par_iter().map(|index| row(run, inputs, index, width)).collect()
+    let width = if views.len() > MANY_VIEWS {
+        NARROW
+    } else {
+        WIDE
+    };
+    (0..views.len())
+        .into_par_iter()
+        .map(|index| row(run, inputs, index, width))
+        .collect()
 }
 
 fn row(
@@ -65,13 +72,17 @@ fn row(
     let grey: fn(&DynamicImage, u32) -> Thumbnail =
         |picture, width| thumbnail::matte(&picture.to_luma8(), width);
 
-    let mut cells = vec![Some(Cell { picture: thumbnail::photo(&photo, width), file: None })];
+    let mut cells = vec![Some(Cell {
+        picture: thumbnail::photo(&photo, width),
+        file: None,
+    })];
     drop(photo);
     if let Some(masks) = &inputs.masks {
         let mask: Option<GrayImage> = masks.load(index, w, h)?;
-        cells.push(
-            mask.map(|mask| Cell { picture: thumbnail::matte(&mask, width), file: None }),
-        );
+        cells.push(mask.map(|mask| Cell {
+            picture: thumbnail::matte(&mask, width),
+            file: None,
+        }));
     }
     cells.push(own(run.alpha_dir(), grey)?);
     if let Some(dir) = &inputs.reference {
@@ -87,7 +98,10 @@ fn row(
     cells.push(own(run.background_dir(), thumbnail::photo)?);
     Ok(Row {
         name: view.name.clone(),
-        stem: view_file(Path::new(""), &view.name, "png").with_extension("").display().to_string(),
+        stem: view_file(Path::new(""), &view.name, "png")
+            .with_extension("")
+            .display()
+            .to_string(),
         cells,
     })
 }
@@ -110,7 +124,10 @@ fn own_picture(
             .collect::<Vec<_>>()
             .join("/")
     });
-    Ok(Some(Cell { picture: small(&thumbnail::open(&path)?), file }))
+    Ok(Some(Cell {
+        picture: small(&thumbnail::open(&path)?),
+        file,
+    }))
 }
 
 /// A reference has the photo's stem, with or without its sub-folders, and one of the usual endings.
@@ -128,5 +145,7 @@ fn matte_of(picture: &DynamicImage) -> GrayImage {
         return picture.to_luma8();
     }
     let rgba = picture.to_rgba8();
-    GrayImage::from_fn(rgba.width(), rgba.height(), |x, y| image::Luma([rgba.get_pixel(x, y).0[3]]))
+    GrayImage::from_fn(rgba.width(), rgba.height(), |x, y| {
+        image::Luma([rgba.get_pixel(x, y).0[3]])
+    })
 }

@@ -23,13 +23,23 @@ fn refused(dir: &Path, arguments: &[&str], says: &[&str]) {
     let output = sos(dir, arguments);
     let error = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
-    let lines: Vec<&str> = error.lines().filter(|line| line.starts_with("error: ")).collect();
+    let lines: Vec<&str> = error
+        .lines()
+        .filter(|line| line.starts_with("error: "))
+        .collect();
     assert_eq!(lines.len(), 1, "{arguments:?}: {error}");
     for part in says {
-        assert!(lines[0].contains(part), "{arguments:?}: {part:?} is not in {error}");
+        assert!(
+            lines[0].contains(part),
+            "{arguments:?}: {part:?} is not in {error}"
+        );
     }
     assert!(!error.contains("panicked"), "{error}");
-    assert_eq!(fs::read_dir(dir).unwrap().count(), before, "{arguments:?} left something");
+    assert_eq!(
+        fs::read_dir(dir).unwrap().count(),
+        before,
+        "{arguments:?} left something"
+    );
 }
 
 fn tiny_scene(dir: &Path) {
@@ -41,15 +51,29 @@ fn help_fits_a_screen() {
     let dir = tempfile::tempdir().unwrap();
     let help = text(&sos(dir.path(), &["--help"]).stdout);
     assert!(help.lines().count() <= 24, "{help}");
-    assert_eq!(help.matches("\n  sos ").count(), 3, "three examples in\n{help}");
+    assert_eq!(
+        help.matches("\n  sos ").count(),
+        3,
+        "three examples in\n{help}"
+    );
     for command in ["train", "eval", "report", "demo-scene"] {
         assert!(help.contains(command), "{help}");
     }
     let help = text(&sos(dir.path(), &["train", "--help"]).stdout);
     assert!(help.lines().count() <= 40, "{help}");
     for option in [
-        "SCENE", "--masks", "--out", "--steps", "--preset", "--device", "--seed", "--resume",
-        "--force", "--set", "--quiet", "--polarity",
+        "SCENE",
+        "--masks",
+        "--out",
+        "--steps",
+        "--preset",
+        "--device",
+        "--seed",
+        "--resume",
+        "--force",
+        "--set",
+        "--quiet",
+        "--polarity",
     ] {
         assert!(help.contains(option), "{option} is not in\n{help}");
     }
@@ -65,7 +89,11 @@ fn the_command_line_itself_can_be_wrong() {
         &["train", "--preset", "huge"],
         &["eval", "run"],
     ] {
-        assert_eq!(sos(dir.path(), arguments).status.code(), Some(2), "{arguments:?}");
+        assert_eq!(
+            sos(dir.path(), arguments).status.code(),
+            Some(2),
+            "{arguments:?}"
+        );
     }
 }
 
@@ -73,7 +101,10 @@ fn the_command_line_itself_can_be_wrong() {
 fn settings_are_checked_before_anything_starts() {
     let dir = tempfile::tempdir().unwrap();
     for (arguments, says) in [
-        (&["train", "--set", "loss.mosk=1"][..], &["loss.mosk", "loss.mask?"][..]),
+        (
+            &["train", "--set", "loss.mosk=1"][..],
+            &["loss.mosk", "loss.mask?"][..],
+        ),
         (&["train", "--set", "loss.mask"], &["key=value"]),
         (&["train", "--steps", "0"], &["steps", "1..="]),
         (&["train", "--device", "abacus"], &["abacus", "flex"]),
@@ -87,13 +118,29 @@ fn settings_are_checked_before_anything_starts() {
 #[test]
 fn bad_scenes_are_one_sentence() {
     let dir = tempfile::tempdir().unwrap();
-    refused(dir.path(), &["train", "none"], &["none", "no such folder", "images/"]);
+    refused(
+        dir.path(),
+        &["train", "none"],
+        &["none", "no such folder", "images/"],
+    );
     fs::create_dir(dir.path().join("empty")).unwrap();
-    refused(dir.path(), &["train", "empty"], &["empty", "no COLMAP model"]);
+    refused(
+        dir.path(),
+        &["train", "empty"],
+        &["empty", "no COLMAP model"],
+    );
     let scene = dir.path().join("scene");
     tiny_scene(&scene);
-    refused(dir.path(), &["train", "scene", "--masks", "none-here"], &["none-here"]);
-    refused(dir.path(), &["train", "scene", "--masks", "empty"], &["empty", "masks"]);
+    refused(
+        dir.path(),
+        &["train", "scene", "--masks", "none-here"],
+        &["none-here"],
+    );
+    refused(
+        dir.path(),
+        &["train", "scene", "--masks", "empty"],
+        &["empty", "masks"],
+    );
     fs::remove_file(scene.join("images/004.png")).unwrap();
     refused(dir.path(), &["train", "scene"], &["004.png"]);
     fs::write(scene.join("sparse/0/cameras.txt"), "1 WARPED 96 72 1 2 3\n").unwrap();
@@ -109,16 +156,40 @@ fn folders_that_cannot_take_a_run_are_refused() {
     fs::write(run.join("config.toml"), "steps = 3\n").unwrap();
     let train = |more: &[&'static str]| [&["train", "scene", "--out", "run"][..], more].concat();
     refused(dir.path(), &train(&[]), &["run", "--resume", "--force"]);
-    refused(dir.path(), &train(&["--resume"]), &["no checkpoint", "--force"]);
+    refused(
+        dir.path(),
+        &train(&["--resume"]),
+        &["no checkpoint", "--force"],
+    );
     fs::write(run.join("config.toml"), "steps = maybe\n").unwrap();
     fs::create_dir(run.join("checkpoint")).unwrap();
     fs::write(run.join("checkpoint/numbers.json"), "{}").unwrap();
-    refused(dir.path(), &train(&["--resume"]), &["config.toml", "line 1"]);
+    refused(
+        dir.path(),
+        &train(&["--resume"]),
+        &["config.toml", "line 1"],
+    );
     fs::write(dir.path().join("file"), "").unwrap();
-    refused(dir.path(), &["train", "scene", "--out", "file"], &["file", "--out"]);
-    refused(dir.path(), &["train", "scene", "--out", "file/run"], &["file/run"]);
-    refused(dir.path(), &["train", "scene", "--out", "scene"], &["scene", "holds no run"]);
-    refused(dir.path(), &["demo-scene", "scene"], &["scene", "not empty"]);
+    refused(
+        dir.path(),
+        &["train", "scene", "--out", "file"],
+        &["file", "--out"],
+    );
+    refused(
+        dir.path(),
+        &["train", "scene", "--out", "file/run"],
+        &["file/run"],
+    );
+    refused(
+        dir.path(),
+        &["train", "scene", "--out", "scene"],
+        &["scene", "holds no run"],
+    );
+    refused(
+        dir.path(),
+        &["demo-scene", "scene"],
+        &["scene", "not empty"],
+    );
 }
 
 #[test]
@@ -133,21 +204,46 @@ fn evaluation_prints_a_table_or_json_and_keeps_the_scores() {
     assert!(!before.contains("<h2>Scores</h2>"));
 
     let masks = gt.join("coarse_masks");
-    let evaluate = ["eval", run_path, "--gt", gt_path, "--start", masks.to_str().unwrap()];
+    let evaluate = [
+        "eval",
+        run_path,
+        "--gt",
+        gt_path,
+        "--start",
+        masks.to_str().unwrap(),
+    ];
     let output = sos(dir.path(), &evaluate);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let metrics: serde_json::Value =
         serde_json::from_slice(&fs::read(run.metrics_path()).unwrap()).unwrap();
     assert!(metrics["mean"]["iou"].as_f64().unwrap() > 0.999);
     assert!(metrics["start"]["iou"].as_f64().unwrap() < 0.9);
-    for key in ["name", "iou", "miou", "acc", "boundary_iou", "sad", "mse", "grad", "conn"] {
+    for key in [
+        "name",
+        "iou",
+        "miou",
+        "acc",
+        "boundary_iou",
+        "sad",
+        "mse",
+        "grad",
+        "conn",
+    ] {
         assert!(!metrics["views"][0][key].is_null(), "{key}");
     }
-    assert!(fs::read_to_string(run.report_path()).unwrap().contains("<h2>Scores</h2>"));
+    assert!(
+        fs::read_to_string(run.report_path())
+            .unwrap()
+            .contains("<h2>Scores</h2>")
+    );
 
     let output = sos(dir.path(), &[&evaluate[..], &["--json"]].concat());
     let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(printed["mean"], metrics["mean"]);
-    refused(dir.path(), &["eval", run_path, "--gt", "nowhere"], &["nowhere"]);
+    refused(
+        dir.path(),
+        &["eval", run_path, "--gt", "nowhere"],
+        &["nowhere"],
+    );
     refused(dir.path(), &["report", gt_path], &["holds no run"]);
 }

@@ -31,9 +31,20 @@ fn every_preset_is_valid_and_survives_its_file() {
 
 #[test]
 fn the_file_shows_values_as_a_person_would_write_them() {
-    let text = RunRecord::new(TrainConfig::default(), input()).to_toml().unwrap();
-    for line in ["eikonal = 0.1", "preset = \"default\"", "[model]", "[input]", "[versions]"] {
-        assert!(text.lines().any(|l| l == line), "{line} is missing in\n{text}");
+    let text = RunRecord::new(TrainConfig::default(), input())
+        .to_toml()
+        .unwrap();
+    for line in [
+        "eikonal = 0.1",
+        "preset = \"default\"",
+        "[model]",
+        "[input]",
+        "[versions]",
+    ] {
+        assert!(
+            text.lines().any(|l| l == line),
+            "{line} is missing in\n{text}"
+        );
     }
 }
 
@@ -43,16 +54,31 @@ fn the_paper_preset_has_the_numbers_of_the_paper() {
     assert_eq!(paper.steps, 40_000);
     assert_eq!(paper.schedule.learning_rate, 0.01);
     let model = &paper.model;
-    assert_eq!((model.levels, model.base_resolution, model.finest_resolution), (16, 16, 2048));
-    assert_eq!((model.hidden, model.object_features, model.background_features), (64, 12, 7));
-    assert_eq!(model.alpha, AlphaSource::Head);
+    assert_eq!(
+        (model.levels, model.base_resolution, model.finest_resolution),
+        (16, 16, 2048)
+    );
+    assert_eq!(
+        (
+            model.hidden,
+            model.object_features,
+            model.background_features
+        ),
+        (64, 12, 7)
+    );
+    assert_eq!(
+        (model.alpha, model.log2_table_size),
+        (AlphaSource::Head, 19)
+    );
 }
 
 #[test]
 fn every_key_can_be_set_to_what_it_is() {
     let keys = TrainConfig::keys();
     assert!(keys.len() > 50, "{keys:?}");
-    let text = RunRecord::new(TrainConfig::default(), input()).to_toml().unwrap();
+    let text = RunRecord::new(TrainConfig::default(), input())
+        .to_toml()
+        .unwrap();
     let tree: toml::Table = text.parse().unwrap();
     for key in keys.iter().filter(|key| *key != "preset") {
         let value = match key.split_once('.') {
@@ -68,9 +94,14 @@ fn every_key_can_be_set_to_what_it_is() {
 #[test]
 fn overrides_take_words_integers_for_floats_and_powers_for_counts() {
     let mut config = TrainConfig::default();
-    for assignment in
-        ["model.alpha=both", " loss.mask = 1 ", "steps=1e4", "device=flex", "loss.colour=\"l1\"", "seed=7"]
-    {
+    for assignment in [
+        "model.alpha=both",
+        " loss.mask = 1 ",
+        "steps=1e4",
+        "device=flex",
+        "loss.colour=\"l1\"",
+        "seed=7",
+    ] {
         config.apply_override(assignment).unwrap();
     }
     assert_eq!(config.model.alpha, AlphaSource::Both);
@@ -93,13 +124,22 @@ fn a_misspelt_key_is_answered_with_the_nearest() {
         let mut config = before.clone();
         let error = config.apply_override(given).unwrap_err();
         assert!(matches!(error, ConfigError::UnknownKey { .. }), "{error:?}");
-        assert!(error.to_string().contains(&format!("did you mean {meant}")), "{given}: {error}");
+        assert!(
+            error.to_string().contains(&format!("did you mean {meant}")),
+            "{given}: {error}"
+        );
         assert_eq!(config, before);
     }
-    let error = TrainConfig::default().apply_override("completely.different=1").unwrap_err();
+    let error = TrainConfig::default()
+        .apply_override("completely.different=1")
+        .unwrap_err();
     assert!(error.to_string().contains("config.toml"), "{error}");
     assert!(TrainConfig::default().apply_override("loss=1").is_err());
-    assert!(TrainConfig::default().apply_override("model.alpha.x=1").is_err());
+    assert!(
+        TrainConfig::default()
+            .apply_override("model.alpha.x=1")
+            .is_err()
+    );
 }
 
 #[test]
@@ -116,7 +156,10 @@ fn a_value_of_the_wrong_kind_is_named() {
         ("preset=paper", "--preset"),
         ("loss.mask", "key=value"),
     ] {
-        let error = TrainConfig::default().apply_override(given).unwrap_err().to_string();
+        let error = TrainConfig::default()
+            .apply_override(given)
+            .unwrap_err()
+            .to_string();
         assert!(error.contains(says), "{given}: {error}");
         assert!(!error.contains('\n'), "{error}");
     }
@@ -139,7 +182,10 @@ fn values_out_of_range_are_found() {
         let error = config.validate().unwrap_err().to_string();
         assert!(error.starts_with(key), "{given}: {error}");
     }
-    let config = TrainConfig { seed: u64::MAX, ..TrainConfig::default() };
+    let config = TrainConfig {
+        seed: u64::MAX,
+        ..TrainConfig::default()
+    };
     assert!(config.validate().is_err());
 }
 
@@ -158,7 +204,9 @@ fn a_file_by_hand_fills_up_from_its_preset() {
     expected.loss.mask = 0.5;
     assert_eq!(record.config, expected);
     assert_eq!(record.input, None);
-    let laid = TrainConfig::default().with_toml("[loss]\nmask = 0.5\n").unwrap();
+    let laid = TrainConfig::default()
+        .with_toml("[loss]\nmask = 0.5\n")
+        .unwrap();
     assert_eq!(laid.loss.mask, 0.5);
 }
 
@@ -186,11 +234,27 @@ fn what_a_checkpoint_has_built_in_cannot_change() {
         let mut config = saved.clone();
         config.apply_override(given).unwrap();
         let error = config.check_resumes(&saved).unwrap_err();
-        assert!(matches!(error, ConfigError::FixedOnResume { .. }), "{error:?}");
+        assert!(
+            matches!(error, ConfigError::FixedOnResume { .. }),
+            "{error:?}"
+        );
     }
     let mut config = saved.clone();
-    for given in ["steps=9000", "loss.mask=0", "device=flex", "export.edge_rays=16"] {
+    for given in [
+        "steps=9000",
+        "loss.mask=0",
+        "device=flex",
+        "export.edge_rays=16",
+    ] {
         config.apply_override(given).unwrap();
     }
     config.check_resumes(&saved).unwrap();
+}
+
+#[test]
+fn the_readme_explains_every_key() {
+    let readme = include_str!("../../README.md");
+    for key in TrainConfig::keys().iter().filter(|key| *key != "preset") {
+        assert!(readme.contains(&format!("`{key}`")), "{key}");
+    }
 }

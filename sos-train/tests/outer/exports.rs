@@ -25,7 +25,14 @@ fn odd_view(name: &str) -> ViewRender {
         foreground: vec![[0.0, 0.5, 1.0]; 6],
         background: vec![[1.0, f32::NAN, 0.25]; 6],
         seen: vec![0, 1, 2, 3, 254, 255],
-        normal: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.6, 0.8, 0.0], [0.0; 3]],
+        normal: vec![
+            [0.0; 3],
+            [1.0, 0.0, 0.0],
+            [0.0, -1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [0.6, 0.8, 0.0],
+            [0.0; 3],
+        ],
         depth: vec![0.0, 1.5, 1e-6, 12345.678, f32::MAX, 3.0],
     }
 }
@@ -35,7 +42,8 @@ fn pictures_read_back() {
     let dir = tempfile::tempdir().unwrap();
     let run = run(dir.path());
     write_view(&run, &odd_view("left/IMG.0001.JPG")).unwrap();
-    let open = |folder: &str| image::open(run.root().join(folder).join("left/IMG.0001.png")).unwrap();
+    let open =
+        |folder: &str| image::open(run.root().join(folder).join("left/IMG.0001.png")).unwrap();
 
     let alpha = open("alpha");
     assert_eq!(alpha.color(), image::ColorType::L16);
@@ -80,7 +88,10 @@ fn files_say_what_they_are() {
         assert_eq!(info(folder).srgb.is_some(), srgb, "{folder}");
     }
     let remarks = info("foreground").uncompressed_latin1_text;
-    assert!(remarks.iter().any(|r| r.text.contains("straight")), "{remarks:?}");
+    assert!(
+        remarks.iter().any(|r| r.text.contains("straight")),
+        "{remarks:?}"
+    );
 }
 
 #[test]
@@ -133,7 +144,12 @@ fn the_mesh_reads_back() {
     let dir = tempfile::tempdir().unwrap();
     let run = run(dir.path());
     let mesh = WorldMesh {
-        positions: vec![[0.0, 0.0, 0.0], [1.5, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, -3.5]],
+        positions: vec![
+            [0.0, 0.0, 0.0],
+            [1.5, 0.0, 0.0],
+            [0.0, 2.5, 0.0],
+            [0.0, 0.0, -3.5],
+        ],
         normals: vec![[0.0, 0.0, 1.0]; 4],
         colours: vec![[255, 128, 0]; 4],
         triangles: vec![[0, 1, 2], [3, 1, 0]],
@@ -145,11 +161,26 @@ fn the_mesh_reads_back() {
     assert_eq!(read.triangles, mesh.triangles);
 
     let bytes = fs::read(run.mesh_path()).unwrap();
-    let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    let end = bytes
+        .windows(11)
+        .position(|w| w == b"end_header\n")
+        .unwrap()
+        + 11;
     let header = String::from_utf8(bytes[..end].to_vec()).unwrap();
-    assert!(header.contains("format binary_little_endian 1.0"), "{header}");
-    for property in ["float x", "float nx", "uchar red", "list uchar int vertex_indices"] {
-        assert!(header.contains(&format!("property {property}\n")), "{header}");
+    assert!(
+        header.contains("format binary_little_endian 1.0"),
+        "{header}"
+    );
+    for property in [
+        "float x",
+        "float nx",
+        "uchar red",
+        "list uchar int vertex_indices",
+    ] {
+        assert!(
+            header.contains(&format!("property {property}\n")),
+            "{header}"
+        );
     }
     // 6 floats and 3 bytes a vertex; a count and 3 indices a face.
     assert_eq!(bytes.len() - end, 4 * 27 + 2 * 13);
@@ -177,7 +208,12 @@ fn an_empty_mesh_is_a_valid_file() {
     let dir = tempfile::tempdir().unwrap();
     let run = run(dir.path());
     write_mesh(&run, &WorldMesh::default()).unwrap();
-    assert!(sos_eval::read_ply(&run.mesh_path()).unwrap().vertices.is_empty());
+    assert!(
+        sos_eval::read_ply(&run.mesh_path())
+            .unwrap()
+            .vertices
+            .is_empty()
+    );
 }
 
 #[test]
@@ -185,14 +221,24 @@ fn previews_are_written() {
     let dir = tempfile::tempdir().unwrap();
     let run = run(dir.path());
     write_preview(&run, 2, 1, &[1, 2, 3, 4, 5, 6]).unwrap();
-    assert_eq!(image::open(run.preview_path()).unwrap().to_rgb8().into_raw(), [1, 2, 3, 4, 5, 6]);
+    assert_eq!(
+        image::open(run.preview_path())
+            .unwrap()
+            .to_rgb8()
+            .into_raw(),
+        [1, 2, 3, 4, 5, 6]
+    );
 }
 
 #[test]
 fn a_resumed_log_forgets_what_will_be_done_again() {
     let dir = tempfile::tempdir().unwrap();
     let run = run(dir.path());
-    let record = |step| LogRecord { step, psnr: f32::NAN, ..LogRecord::default() };
+    let record = |step| LogRecord {
+        step,
+        psnr: f32::NAN,
+        ..LogRecord::default()
+    };
     {
         let mut log = TrainLog::create(&run).unwrap();
         log.note(0, "start").unwrap();
@@ -208,8 +254,11 @@ fn a_resumed_log_forgets_what_will_be_done_again() {
         let mut log = TrainLog::resume(&run, 20).unwrap();
         log.record(&record(21)).unwrap();
     }
-    let steps: Vec<u64> =
-        read_log(&run).unwrap().iter().map(|line| line["step"].as_u64().unwrap()).collect();
+    let steps: Vec<u64> = read_log(&run)
+        .unwrap()
+        .iter()
+        .map(|line| line["step"].as_u64().unwrap())
+        .collect();
     assert_eq!(steps, [0, 10, 20, 21]);
     assert!(fs::read_to_string(run.log_path()).unwrap().ends_with("}\n"));
 }
@@ -219,8 +268,7 @@ fn a_run_of_the_truth_scores_as_the_truth() {
     let dir = tempfile::tempdir().unwrap();
     let (_, run) = fabricated::run(dir.path(), true);
     let scene = run.demo_scene_dir();
-    let report =
-        sos_eval::run_eval(run.root(), &scene, Some(&scene.join("coarse_masks"))).unwrap();
+    let report = sos_eval::run_eval(run.root(), &scene, Some(&scene.join("coarse_masks"))).unwrap();
     assert!(report.mean.iou > 0.9999, "{report}");
     assert!(report.start.unwrap().iou < 0.9);
     assert!(report.mesh.unwrap().relative.chamfer < 0.01);

@@ -10,14 +10,22 @@ use std::sync::LazyLock;
 
 /// Six small views; two have no mask.
 pub(crate) static SCENE: LazyLock<DemoScene> = LazyLock::new(|| {
-    generate(&DemoConfig { views: 6, mesh_cell: 0.004, ..DemoConfig::tiny() })
+    generate(&DemoConfig {
+        views: 6,
+        mesh_cell: 0.004,
+        ..DemoConfig::tiny()
+    })
 });
 
 /// The miniature demo, and results that are the truth itself.
 pub(crate) fn run(dir: &Path, demo: bool) -> (&'static DemoScene, RunFolder) {
     let run = RunFolder::create(&dir.join("run"), Existing::Keep).unwrap();
     let scene: &DemoScene = &SCENE;
-    let scene_dir = if demo { run.demo_scene_dir() } else { dir.join("cat & <dog>") };
+    let scene_dir = if demo {
+        run.demo_scene_dir()
+    } else {
+        dir.join("cat & <dog>")
+    };
     scene.write(&scene_dir).unwrap();
     let input = InputRecord {
         scene: scene_dir.clone(),
@@ -26,12 +34,17 @@ pub(crate) fn run(dir: &Path, demo: bool) -> (&'static DemoScene, RunFolder) {
         out: run.root().to_path_buf(),
         demo,
     };
-    run.set_config(RunRecord::new(TrainConfig::default(), input).to_toml().unwrap());
+    run.set_config(
+        RunRecord::new(TrainConfig::default(), input)
+            .to_toml()
+            .unwrap(),
+    );
     for view in &scene.views {
         write_view(&run, &render(view)).unwrap();
     }
     let mut log = TrainLog::create(&run).unwrap();
-    log.event(0, "start", [("device", "cpu (test)".into())]).unwrap();
+    log.event(0, "start", [("device", "cpu (test)".into())])
+        .unwrap();
     log.note(0, "a note with <b>markup</b>").unwrap();
     for step in (50..=3000).step_by(50) {
         let t = step as f32 / 3000.0;
@@ -60,10 +73,17 @@ pub(crate) fn run(dir: &Path, demo: bool) -> (&'static DemoScene, RunFolder) {
 pub(crate) fn render(view: &demo_scene::DemoView) -> ViewRender {
     let (width, height) = view.photo.dimensions();
     let colours = |picture: &image::RgbImage| -> Vec<[f32; 3]> {
-        picture.pixels().map(|p| p.0.map(|c| f32::from(c) / 255.0)).collect()
+        picture
+            .pixels()
+            .map(|p| p.0.map(|c| f32::from(c) / 255.0))
+            .collect()
     };
     let pixels = (width * height) as usize;
-    let alpha: Vec<f32> = view.alpha.pixels().map(|p| f32::from(p.0[0]) / 255.0).collect();
+    let alpha: Vec<f32> = view
+        .alpha
+        .pixels()
+        .map(|p| f32::from(p.0[0]) / 255.0)
+        .collect();
     ViewRender {
         name: view.name.clone(),
         width,
@@ -71,7 +91,10 @@ pub(crate) fn render(view: &demo_scene::DemoView) -> ViewRender {
         foreground: colours(&view.photo),
         background: colours(&view.background_shadow),
         seen: (0..pixels).map(|i| (i % 29) as u8).collect(),
-        normal: alpha.iter().map(|a| if *a > 0.0 { [0.0, 0.6, -0.8] } else { [0.0; 3] }).collect(),
+        normal: alpha
+            .iter()
+            .map(|a| if *a > 0.0 { [0.0, 0.6, -0.8] } else { [0.0; 3] })
+            .collect(),
         depth: alpha.iter().map(|a| 1.25 * a).collect(),
         alpha,
     }

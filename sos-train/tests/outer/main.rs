@@ -1,5 +1,7 @@
 //! Tests of what surrounds training: configuration, run folder, exports, report, command line.
 
+#![allow(clippy::unwrap_used)] // a test may panic
+
 mod command_line;
 mod config;
 mod exports;

@@ -11,11 +11,19 @@ fn every_view_is_there_and_nothing_comes_from_outside() {
     write_report(&run, &ReportInputs::gather(&run).unwrap()).unwrap();
     let html = fs::read_to_string(run.report_path()).unwrap();
     for view in &scene.views {
-        assert!(html.contains(&format!("alt=\"photo of {}\"", view.name)), "{}", view.name);
+        assert!(
+            html.contains(&format!("alt=\"photo of {}\"", view.name)),
+            "{}",
+            view.name
+        );
         assert!(html.contains(&format!("alt=\"cut-out of {}\"", view.name)));
     }
     let n = scene.views.len();
-    let masks = scene.views.iter().filter(|view| view.coarse_mask.is_some()).count();
+    let masks = scene
+        .views
+        .iter()
+        .filter(|view| view.coarse_mask.is_some())
+        .count();
     assert!(masks < n, "the demo has views without a mask");
     assert_eq!(html.matches("<img ").count(), 4 * n + masks);
     assert_eq!(html.matches("src=\"data:image/").count(), 4 * n + masks);
@@ -26,7 +34,9 @@ fn every_view_is_there_and_nothing_comes_from_outside() {
         .split("src=\"data:image/")
         .map(|part| part.split_once('"').map_or(part, |(_, rest)| rest))
         .collect();
-    for outside in ["http:", "https:", "//cdn", "<script", "url(", "@import", "src=\"/", "NaN"] {
+    for outside in [
+        "http:", "https:", "//cdn", "<script", "url(", "@import", "src=\"/", "NaN",
+    ] {
         assert!(!text.contains(outside), "{outside}");
     }
     assert!(html.contains("cat &amp; &lt;dog&gt;") && !html.contains("<dog>"));
@@ -40,8 +50,12 @@ fn a_scored_demo_shows_scores_and_the_true_mattes() {
     let dir = tempfile::tempdir().unwrap();
     let (scene, run) = fabricated::run(dir.path(), true);
     let scene_dir = run.demo_scene_dir();
-    let scores =
-        sos_eval::run_eval(run.root(), &scene_dir, Some(&scene_dir.join("coarse_masks"))).unwrap();
+    let scores = sos_eval::run_eval(
+        run.root(),
+        &scene_dir,
+        Some(&scene_dir.join("coarse_masks")),
+    )
+    .unwrap();
     fs::write(run.metrics_path(), serde_json::to_string(&scores).unwrap()).unwrap();
 
     // A run of the demo can be moved as a whole.
@@ -50,9 +64,15 @@ fn a_scored_demo_shows_scores_and_the_true_mattes() {
     let run = sos_train::run_folder::RunFolder::open_existing(&moved).unwrap();
     write_report(&run, &ReportInputs::gather(&run).unwrap()).unwrap();
     let html = fs::read_to_string(run.report_path()).unwrap();
-    assert_eq!(html.matches("alt=\"reference alpha of").count(), scene.views.len());
+    assert_eq!(
+        html.matches("alt=\"reference alpha of").count(),
+        scene.views.len()
+    );
     assert!(html.contains("<h2>Scores</h2>") && html.contains("coarse masks"));
-    assert_eq!(html.matches("<em>IoU 1.000</em>").count(), scene.views.len());
+    assert_eq!(
+        html.matches("<em>IoU 1.000</em>").count(),
+        scene.views.len()
+    );
     assert!(html.contains("href=\"#v0\""));
     if let Some(keep) = std::env::var_os("SOS_KEEP_REPORT") {
         fs::copy(run.report_path(), keep).unwrap();
@@ -67,7 +87,9 @@ fn results_that_are_missing_are_shown_as_missing() {
     fs::remove_file(run.log_path()).unwrap();
     write_report(&run, &ReportInputs::gather(&run).unwrap()).unwrap();
     let html = fs::read_to_string(run.report_path()).unwrap();
-    assert!(!html.contains("alt=\"alpha of 000.png\"") && html.contains("alt=\"alpha of 001.png\""));
+    assert!(
+        !html.contains("alt=\"alpha of 000.png\"") && html.contains("alt=\"alpha of 001.png\"")
+    );
     assert!(!html.contains("<h2>Training</h2>"));
 }
 

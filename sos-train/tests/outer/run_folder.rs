@@ -11,7 +11,14 @@ fn tree(dir: &Path) -> Vec<String> {
             if entry.path().is_dir() {
                 walk(&entry.path(), base, out);
             } else {
-                out.push(entry.path().strip_prefix(base).unwrap().display().to_string());
+                out.push(
+                    entry
+                        .path()
+                        .strip_prefix(base)
+                        .unwrap()
+                        .display()
+                        .to_string(),
+                );
             }
         }
     }
@@ -48,7 +55,10 @@ fn an_existing_run_is_kept_unless_told_otherwise() {
     let error = RunFolder::create(&path, Existing::Keep).unwrap_err();
     assert!(matches!(error, RunError::Exists { .. }));
     let text = error.to_string();
-    assert!(text.contains("--resume") && text.contains("--force"), "{text}");
+    assert!(
+        text.contains("--resume") && text.contains("--force"),
+        "{text}"
+    );
     assert_eq!(tree(&path), before);
     assert!(RunFolder::open_existing(&path).unwrap().has_checkpoint());
 }
@@ -62,11 +72,21 @@ fn replacing_waits_for_something_to_write_and_spares_what_is_not_ours() {
     }
     let before = tree(&path);
     let run = RunFolder::create(&path, Existing::Replace).unwrap();
-    assert_eq!(tree(&path), before, "nothing is removed before there is something new");
+    assert_eq!(
+        tree(&path),
+        before,
+        "nothing is removed before there is something new"
+    );
     run.set_config("steps = 2\n".to_owned());
     run.begin().unwrap();
-    assert_eq!(tree(&path), ["alpha/readme.md", "config.toml", "notes.txt", "sketch.png"]);
-    assert_eq!(fs::read_to_string(run.config_path()).unwrap(), "steps = 2\n");
+    assert_eq!(
+        tree(&path),
+        ["alpha/readme.md", "config.toml", "notes.txt", "sketch.png"]
+    );
+    assert_eq!(
+        fs::read_to_string(run.config_path()).unwrap(),
+        "steps = 2\n"
+    );
 }
 
 #[test]
@@ -104,7 +124,10 @@ fn a_failing_writer_leaves_nothing_and_names_the_file() {
         })
         .unwrap_err()
         .to_string();
-    assert!(error.contains("mesh.ply") && error.contains("free some space"), "{error}");
+    assert!(
+        error.contains("mesh.ply") && error.contains("free some space"),
+        "{error}"
+    );
     assert_eq!(tree(&path), before);
     assert_eq!(fs::read(run.mesh_path()).unwrap(), b"old");
 }
@@ -115,14 +138,20 @@ fn a_full_disk_is_reported_with_the_file() {
     if !Path::new("/dev/full").exists() {
         return;
     }
-    let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let full = fs::OpenOptions::new()
+        .write(true)
+        .open("/dev/full")
+        .unwrap();
     let dir = tempfile::tempdir().unwrap();
     let run = RunFolder::create(dir.path(), Existing::Keep).unwrap();
     let error = run
         .write(&run.preview_path(), |_| (&full).write_all(b"x"))
         .unwrap_err()
         .to_string();
-    assert!(error.contains("preview.png") && error.contains("free some space"), "{error}");
+    assert!(
+        error.contains("preview.png") && error.contains("free some space"),
+        "{error}"
+    );
 }
 
 #[cfg(unix)]

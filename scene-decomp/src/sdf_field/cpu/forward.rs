@@ -1,0 +1,217 @@
+//! Forward: tiles of points in parallel.
+
+use hashgrid::{GridLayout, cpu as grid};
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+use tensor_slices::Scratch;
+
+use super::weights::Weights;
+use crate::sdf_field::SdfFieldConfig;
+use crate::tile::transpose::{rows_to_tile, tile_to_rows};
+use crate::tile::{POINTS, activation, layer};
+
+/// Whether a forward pass is to be followed by a backward one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Keep {
+    Nothing,
+    ForBackward,
+}
+
+/// What backward needs: per tile the positions in the grid, the MLP's input and the Jacobian.
+#[derive(Debug)]
+pub(crate) struct Saved {
+    pub(super) config: SdfFieldConfig,
+    pub(super) weights: Weights,
+    pub(super) table_len: usize,
+    pub(super) points: usize,
+    /// Per tile `[3 + inputs + 6 * active, POINTS]`: unit positions, input, Jacobian of h.
+    pub(super) tiles: Scratch,
+}
+
+/// Rows of one tile in [`Saved`].
+pub(super) fn saved_rows(weights: &Weights) -> usize {
+    3 + weights.inputs + 3 * (weights.inputs - 3)
+}
+
+/// Sdf, feature and normal of `points [n, 3]`: `[n, 1 + G + 3]`.
+pub(crate) fn forward(
+    points: &[f32],
+    table: &[f32],
+    weights: Weights,
+    config: &SdfFieldConfig,
+    keep: Keep,
+) -> (Vec<f32>, Option<Saved>) {
+    let n = points.len() / 3;
+    let table_len = table.len();
+    let layout = &config.active_layout();
+    let table = &table[..2 * layout.entries()];
+    let mut out = vec![0.0; n * weights.columns()];
+    let tile_len = saved_rows(&weights) * POINTS;
+    match keep {
+        Keep::Nothing => {
+            let columns = weights.columns();
+            points
+                .par_chunks(3 * POINTS)
+                .zip(out.par_chunks_mut(columns * POINTS))
+                .for_each_init(
+                    || (Scratch::new(tile_len), Working::new(&weights)),
+                    |(tile, working), (points, out)| {
+                        Arch::new().dispatch(ForwardTile {
+                            points,
+                            table,
+                            weights: &weights,
+                            config,
+                            layout,
+                            tile,
+                            working,
+                            out,
+                        });
+                    },
+                );
+            (out, None)
+        }
+        Keep::ForBackward => {
+            let mut tiles = Scratch::new(n.div_ceil(POINTS) * tile_len);
+            let columns = weights.columns();
+            points
+                .par_chunks(3 * POINTS)
+                .zip(out.par_chunks_mut(columns * POINTS))
+                .zip(tiles.par_chunks_mut(tile_len))
+                .for_each_init(
+                    || Working::new(&weights),
+                    |working, ((points, out), tile)| {
+                        Arch::new().dispatch(ForwardTile {
+                            points,
+                            table,
+                            weights: &weights,
+                            config,
+                            layout,
+                            tile,
+                            working,
+                            out,
+                        });
+                    },
+                );
+            let saved = Saved {
+                config: config.clone(),
+                weights,
+                table_len,
+                points: n,
+                tiles,
+            };
+            (out, Some(saved))
+        }
+    }
+}
+
+/// [`forward`] for callers outside autodiff, such as final renders: no tensors in between.
+pub(crate) fn evaluate(
+    points: &[f32],
+    table: &[f32],
+    weights: Weights,
+    config: &SdfFieldConfig,
+) -> Vec<f32> {
+    forward(points, table, weights, config, Keep::Nothing).0
+}
+
+/// One tile's intermediate rows.
+pub(super) struct Working {
+    z: Vec<f32>,
+    pub(super) a: Vec<f32>,
+    pub(super) slope: Vec<f32>,
+    pub(super) u: Vec<f32>,
+    pub(super) g: Vec<f32>,
+    pub(super) out: Vec<f32>,
+}
+
+impl Working {
+    pub(super) fn new(weights: &Weights) -> Self {
+        let hidden = || vec![0.0; weights.hidden * POINTS];
+        Self {
+            z: hidden(),
+            a: hidden(),
+            slope: hidden(),
+            u: hidden(),
+            g: vec![0.0; weights.inputs * POINTS],
+            out: vec![0.0; (weights.outputs + 3) * POINTS],
+        }
+    }
+
+    /// From the tile's input to `a`, `slope`, `u = w2 * slope` and `g = W1^T u`.
+    #[inline(always)]
+    pub(super) fn hidden<S: Simd>(&mut self, simd: S, weights: &Weights, beta: f32, input: &[f32]) {
+        layer::forward(simd, &weights.w1, Some(&weights.b1), input, &mut self.z);
+        activation::softplus(beta, &self.z, &mut self.a, &mut self.slope);
+        for ((u, slope), &w) in self
+            .u
+            .chunks_exact_mut(POINTS)
+            .zip(self.slope.chunks_exact(POINTS))
+            .zip(&weights.w2)
+        {
+            for (u, slope) in u.iter_mut().zip(slope) {
+                *u = w * slope;
+            }
+        }
+        layer::forward(simd, &weights.w1_transposed, None, &self.u, &mut self.g);
+    }
+}
+
+struct ForwardTile<'a> {
+    points: &'a [f32],
+    table: &'a [f32],
+    weights: &'a Weights,
+    config: &'a SdfFieldConfig,
+    layout: &'a GridLayout,
+    tile: &'a mut [f32],
+    working: &'a mut Working,
+    out: &'a mut [f32],
+}
+
+impl WithSimd for ForwardTile<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { weights, config, working, .. } = self;
+        let (unit, rest) = self.tile.split_at_mut(3 * POINTS);
+        let (input, jacobian) = rest.split_at_mut(weights.inputs * POINTS);
+        rows_to_tile(self.points, 3, &mut input[..3 * POINTS]);
+        let scale = 0.5 / config.half_side;
+        for (unit, p) in unit.iter_mut().zip(&input[..3 * POINTS]) {
+            *unit = p * scale + 0.5;
+        }
+        encode(self.layout, self.table, unit, &mut input[3 * POINTS..], jacobian);
+        working.hidden(simd, weights, config.beta, input);
+
+        let (values, normal) = working.out.split_at_mut(weights.outputs * POINTS);
+        layer::forward(simd, &weights.w2, Some(&weights.b2), &working.a, values);
+        for (axis, n) in normal.chunks_exact_mut(POINTS).enumerate() {
+            n.fill(0.0);
+            for (k, g) in working.g[3 * POINTS..].chunks_exact(POINTS).enumerate() {
+                let j = &jacobian[(3 * k + axis) * POINTS..(3 * k + axis + 1) * POINTS];
+                for ((n, g), j) in n.iter_mut().zip(g).zip(j) {
+                    *n += g * j;
+                }
+            }
+            let direct = &working.g[axis * POINTS..(axis + 1) * POINTS];
+            for (n, g) in n.iter_mut().zip(direct) {
+                *n = g + scale * *n;
+            }
+        }
+        tile_to_rows(&working.out, weights.columns(), self.out);
+    }
+}
+
+/// Encodes the tile's unit positions `[3, POINTS]`; `layout` and `table` end with the active levels.
+#[inline(always)]
+fn encode(
+    layout: &GridLayout,
+    table: &[f32],
+    unit: &[f32],
+    values: &mut [f32],
+    jacobian: &mut [f32],
+) {
+    let (x, yz) = unit.split_at(POINTS);
+    let (y, z) = yz.split_at(POINTS);
+    grid::encode_tile(layout, layout.levels.len(), table, x, y, z, values, Some(jacobian));
+}

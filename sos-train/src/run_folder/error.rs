@@ -1,0 +1,71 @@
+//! What can be wrong with a run's folder.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// What is wrong with a run's folder.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The operating system refused.
+    #[error("cannot {action} {}: {source}; {}", path.display(), remedy(source))]
+    Io {
+        /// What was being done.
+        action: &'static str,
+        /// The file or folder concerned.
+        path: PathBuf,
+        /// What the operating system said.
+        source: io::Error,
+    },
+    /// There is a run already.
+    #[error("{} already holds a run; add --resume to go on with it, --force to replace it, or choose another folder with --out", path.display())]
+    Exists {
+        /// The run's folder.
+        path: PathBuf,
+    },
+    /// The folder is in use for something else.
+    #[error("{} is not empty and holds no run, so nothing is written there; choose another folder with --out", path.display())]
+    Foreign {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The path leads to a file.
+    #[error("{} is a file; a run needs a folder, choose another one with --out", path.display())]
+    NotAFolder {
+        /// The file.
+        path: PathBuf,
+    },
+    /// There is no run to go on with.
+    #[error("{} holds no run (config.toml is missing); check the path, or start one without --resume", path.display())]
+    NoRun {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// There is a run, but it was stopped before its first checkpoint.
+    #[error("{} has no checkpoint yet, so there is nothing to go on from; start it again with --force", path.display())]
+    NoCheckpoint {
+        /// The run's folder.
+        path: PathBuf,
+    },
+}
+
+fn remedy(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "free some space and go on with --resume"
+        }
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            "choose a folder you may write to with --out"
+        }
+        _ => "check the path and the disk",
+    }
+}
+
+impl RunError {
+    pub(crate) fn io(action: &'static str, path: &Path, source: io::Error) -> Self {
+        Self::Io {
+            action,
+            path: path.to_path_buf(),
+            source,
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! Files that appear in one piece, and their removal.
+
+use super::RunError;
+use std::fs;
+use std::io::{self, BufWriter, Write as _};
+use std::path::{Component, Path, PathBuf};
+
+/// Start of the names of files that are being written.
+pub(super) const PARTIAL: &str = ".sos-partial-";
+
+/// What a finished file survives.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Durability {
+    Program,
+    Disk,
+}
+
+pub(super) fn write_file(
+    path: &Path,
+    durability: Durability,
+    fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
+) -> Result<(), RunError> {
+    let fail = |e| RunError::io("write", path, e);
+    let folder = path.parent().unwrap_or(Path::new("."));
+    fs::create_dir_all(folder).map_err(|e| RunError::io("create the folder", folder, e))?;
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(PARTIAL);
+    #[cfg(unix)]
+    {
+        // As for any new file: what the user's umask leaves of it, not the private 0600.
+        use std::os::unix::fs::PermissionsExt as _;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.tempfile_in(folder).map_err(fail)?;
+    let mut out = BufWriter::with_capacity(1 << 16, file.as_file_mut());
+    fill(&mut out).map_err(fail)?;
+    out.flush().map_err(fail)?;
+    drop(out);
+    if durability == Durability::Disk {
+        file.as_file().sync_all().map_err(fail)?;
+    }
+    file.persist(path).map_err(|e| fail(e.error))?;
+    Ok(())
+}
+
+/// The path of a view's file below `folder`: as the photo, with another ending. Parts of the name
+/// that would lead elsewhere are left out.
+pub(crate) fn view_file(folder: &Path, photo: &str, ending: &str) -> PathBuf {
+    let mut path = folder.to_path_buf();
+    // COLMAP models made on Windows have backslashes.
+    for part in Path::new(&photo.replace('\\', "/")).components() {
+        if let Component::Normal(part) = part {
+            path.push(part);
+        }
+    }
+    let mut name = path.file_stem().unwrap_or_default().to_owned();
+    name.push(".");
+    name.push(ending);
+    path.set_file_name(name);
+    path
+}
+
+pub(super) fn remove_folder(path: &Path) -> Result<(), RunError> {
+    match fs::remove_dir_all(path) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(RunError::io("remove", path, e)),
+        _ => Ok(()),
+    }
+}
+
+pub(super) fn remove_file(path: &Path) -> Result<(), RunError> {
+    match fs::remove_file(path) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(RunError::io("remove", path, e)),
+        _ => Ok(()),
+    }
+}
+
+pub(super) fn remove_pictures(folder: &Path, ending: &str) -> Result<(), RunError> {
+    // A link leads out of the run.
+    if folder.is_symlink() {
+        return Ok(());
+    }
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        let partial = entry.file_name().to_string_lossy().starts_with(PARTIAL);
+        if path.is_dir() {
+            remove_pictures(&path, ending)?;
+        } else if partial || path.extension().is_some_and(|e| e == ending) {
+            remove_file(&path)?;
+        }
+    }
+    // Refused while something is left.
+    let _ = fs::remove_dir(folder);
+    Ok(())
+}
