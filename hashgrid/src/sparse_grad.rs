@@ -56,7 +56,7 @@ impl SparseGrad {
     /// the level's gradient `[entries, 2]`.
     ///
     /// What was touched is found afterwards by looking for values that are not zero;
-    /// [`SparseGrad::accumulate_levels_marked`] saves that pass.
+    /// [`SparseGrad::accumulate_levels_marked`] saves that pass, which takes longer than a scatter.
     ///
     /// # Panics
     /// When the layout is not the one this was made for, or has fewer levels than `active`.

@@ -98,7 +98,7 @@ impl FrozenSurface {
 }
 
 fn values<const D: usize>(tensor: burn::Tensor<D>) -> Vec<f32> {
-    match tensor.into_data().to_vec::<f32>() {
+    match tensor.into_data().try_to_vec::<f32>() {
         Ok(values) => values,
         Err(error) => panic!("FrozenSurface: weights are not f32: {error:?}"),
     }

@@ -127,7 +127,8 @@ pub(crate) enum Keep {
 
 /// What backward needs.
 #[derive(Debug)]
-pub(crate) struct Saved {
+#[allow(unreachable_pub)] // an associated type of a public backend must be public
+pub struct Saved {
     weights: Weights,
     geometry_columns: usize,
     n: usize,

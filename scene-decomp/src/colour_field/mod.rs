@@ -9,6 +9,9 @@
 //! (method: eq. 2-4; `extra` is m^P for BaCo and empty for FoCoR, whose fourth output is the alpha
 //! head). The input is put together tile by tile, so that it never exists as a tensor.
 
+// Upstream marks burn-ndarray deprecated in favour of Flex; this workspace supports both.
+#![allow(deprecated)]
+
 mod adapters;
 mod autodiff;
 mod cpu;
@@ -109,7 +112,7 @@ pub(crate) mod backward {
     use super::{Backend, FloatTensor};
 
     /// The op's arguments in the order of [`super::ColourFieldOps::colour_field`].
-    pub type Arguments<B> = [FloatTensor<B>; 10];
+    pub(crate) type Arguments<B> = [FloatTensor<B>; 10];
 
     /// The kernels behind autodiff.
     pub trait ColourFieldBackward: Backend {

@@ -1,5 +1,8 @@
 //! NdArray and Flex lend their memory to the slice kernel.
 
+// Upstream marks burn-ndarray deprecated in favour of Flex; this workspace supports both.
+#![allow(deprecated)]
+
 use std::sync::Arc;
 
 use burn::backend::{Backend, Flex, NdArray, tensor::FloatTensor};

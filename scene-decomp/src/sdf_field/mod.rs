@@ -13,6 +13,9 @@
 //! (Eikonal) and colours that depend on it need first-order autodiff only: the derivative of `n`
 //! with respect to the table and the weights is part of this op's backward.
 
+// Upstream marks burn-ndarray deprecated in favour of Flex; this workspace supports both.
+#![allow(deprecated)]
+
 mod adapters;
 mod autodiff;
 mod cpu;

@@ -5,7 +5,7 @@ use crate::config::{InputRecord, MaskPolarity, RunRecord, TrainConfig};
 use crate::error::InputError;
 use crate::run_folder::{RunError, RunFolder};
 use anyhow::Context as _;
-use demo_scene::{DemoConfig, generate};
+use demo_scene::{DemoConfig, DemoError, DemoScene, generate};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -192,11 +192,20 @@ pub(super) fn is_demo_run(out: &Path) -> bool {
         .is_some_and(|input| input.demo)
 }
 
+/// Generates the demo scene into `out`; says so before it takes its time if that cannot be.
+pub(super) fn generate_demo(out: &Path) -> Result<DemoScene, DemoError> {
+    if fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) {
+        return Err(DemoError::Occupied(out.to_path_buf()));
+    }
+    let scene = generate(&DemoConfig::default());
+    scene.write(out)?;
+    Ok(scene)
+}
+
 /// `sos demo-scene OUT`.
 pub(super) fn write_demo(out: &Path) -> anyhow::Result<()> {
     let begun = Instant::now();
-    let scene = generate(&DemoConfig::default());
-    scene.write(out)?;
+    let scene = generate_demo(out)?;
     answer(&format!(
         "{}: {} photos with ground truth and rough masks of mean IoU {:.2}, in {}",
         out.display(),

@@ -1,6 +1,6 @@
 //! `sos train`.
 
-use super::input::{Plan, Source, is_demo_run, record_input};
+use super::input::{Plan, Source, generate_demo, is_demo_run, record_input};
 use super::{TrainArgs, answer, evaluate, program};
 use crate::config::RunRecord;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK};
@@ -9,7 +9,6 @@ use crate::job::{TrainJob, TrainOutcome};
 use crate::progress::{Progress, watch_interrupt};
 use crate::report::{ReportInputs, write_report};
 use crate::run_folder::{Existing, RunError, RunFolder};
-use demo_scene::{DemoConfig, generate};
 use io_colmap::{MaskSet, Scene};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -135,7 +134,7 @@ fn prepare_demo(args: &TrainArgs, plan: &Plan, screen: &Progress) -> anyhow::Res
     }
     if !(args.resume && dir.is_dir()) {
         screen.note("the demo scene is generated");
-        generate(&DemoConfig::default()).write(&dir)?;
+        generate_demo(&dir)?;
     }
     Ok(run)
 }

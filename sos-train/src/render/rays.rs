@@ -116,7 +116,7 @@ impl FrozenScene {
             tensor(object, object_column::COUNT),
             tensor(background, background_column::COUNT),
             Tensor::from_floats(self.sharpness, &device),
-            packing,
+            packing.clone(),
             CompositeConfig {
                 background: match self.config.model.background {
                     Transparency::Sdf => composite::Transparency::Sdf,
@@ -125,7 +125,7 @@ impl FrozenScene {
                 ..CompositeConfig::default()
             },
         );
-        out.into_data().to_vec::<f32>().unwrap_or_default()
+        out.into_data().try_to_vec::<f32>().unwrap_or_default()
     }
 
     fn object_rows(&self, at: &FieldSamples) -> Vec<f32> {

@@ -26,7 +26,6 @@ use step::{StepContext, StepLosses};
 pub use run::run;
 
 /// A run in progress.
-#[derive(Debug)]
 pub struct Trainer {
     context: StepContext,
     scene: Scene,
@@ -98,7 +97,7 @@ impl Trainer {
     /// `b` of FoCoR and BaCo.
     #[must_use]
     pub fn sharpness(&self) -> [f32; 2] {
-        let b = self.sharpness.b().into_data().to_vec::<f32>().unwrap_or_default();
+        let b = self.sharpness.b().into_data().try_to_vec::<f32>().unwrap_or_default();
         [b.first().copied().unwrap_or(0.0), b.get(1).copied().unwrap_or(0.0)]
     }
 

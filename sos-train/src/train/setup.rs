@@ -22,6 +22,7 @@ const GROWTH: f32 = 1.5;
 ///
 /// # Errors
 /// When the name is none of those that were compiled in.
+#[allow(deprecated)] // upstream prefers Flex; NdArray is supported as well
 pub fn device(name: &str) -> Result<Device, PrepareError> {
     match name {
         "auto" | "cpu" | "flex" => Ok(Device::flex()),

@@ -125,7 +125,7 @@ pub fn loss(
         object,
         background,
         sharpness.b(),
-        &Arc::new(marched.packing.clone()),
+        Arc::new(marched.packing.clone()),
         CompositeConfig {
             background: match config.model.background {
                 Transparency::Sdf => composite::Transparency::Sdf,

@@ -19,7 +19,8 @@ pub(crate) enum Keep {
 
 /// What backward needs: per tile the positions in the grid, the MLP's input and the Jacobian.
 #[derive(Debug)]
-pub(crate) struct Saved {
+#[allow(unreachable_pub)] // an associated type of a public backend must be public
+pub struct Saved {
     pub(super) config: SdfFieldConfig,
     pub(super) weights: Weights,
     pub(super) table_len: usize,
