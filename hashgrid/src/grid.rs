@@ -48,7 +48,7 @@ impl HashGrid {
         &self.layout
     }
 
-    /// See [`encode`]: `points` `[n, 3]` to `[n, 2 L]`.
+    /// See [`encode()`]: `points` `[n, 3]` to `[n, 2 L]`.
     #[must_use]
     pub fn forward(&self, points: Tensor<2>, active_levels: usize) -> Tensor<2> {
         encode(points, self.table.val(), &self.layout, active_levels)

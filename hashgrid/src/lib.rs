@@ -5,9 +5,9 @@
 //! have more nodes than their table has entries; a hash decides which share one. With a small
 //! network behind it this is a fast-trained neural field.
 //!
-//! - [`encode`] gives features, [`encode_with_jacobian`] also their derivatives by the position:
+//! - [`encode()`] gives features, [`encode_with_jacobian`] also their derivatives by the position:
 //!   what a normal of an implicit surface is made of. Each is one op with a hand-written backward
-//!   for Burn's CPU backends, NdArray and Flex; [`reference`] has the same in plain tensor ops.
+//!   for Burn's CPU backends, NdArray and Flex; [`mod@reference`] has the same in plain tensor ops.
 //! - [`HashGrid`] is the table as a module; [`GridConfig`] says how it is built, [`GridLayout`]
 //!   where its entries lie.
 //! - [`cpu`] has the kernels over slices, for ops that fuse the encoding with what follows.
@@ -39,9 +39,9 @@
 //! ```
 
 pub mod cpu;
-pub mod encode;
 
 mod config;
+mod encode;
 mod grid;
 mod layout;
 mod lazy_adam;
@@ -49,7 +49,7 @@ mod sparse_grad;
 mod update;
 
 pub use config::{GridConfig, GridConfigError, Interpolation};
-pub use encode::{encode, encode_with_jacobian, reference};
+pub use encode::{EncodeConfig, EncodeOps, encode, encode_with_jacobian, reference};
 pub use grid::HashGrid;
 pub use layout::{BLOCK_ENTRIES, FEATURES, GridLayout, LevelLayout};
 pub use lazy_adam::{LazyAdam, LazyAdamConfig, RestoreError};

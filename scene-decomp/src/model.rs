@@ -98,6 +98,17 @@ impl Sharpness {
         }
     }
 
+    /// Keeps both `s` at or below `largest`.
+    pub fn limit(&mut self, largest: f32) {
+        let s = self.s.clone();
+        self.s = s.map(|s| {
+            let tracked = s.is_require_grad();
+            // By way of the inner tensor, so that the result is a leaf again.
+            let s = Tensor::from_inner(s.inner().clamp_max(largest));
+            if tracked { s.require_grad() } else { s }
+        });
+    }
+
     /// `b = exp(10 s)`, `[2]` (NeuS's parametrisation: one rate serves b from 20 to thousands).
     #[must_use]
     pub fn b(&self) -> Tensor<1> {

@@ -1,4 +1,4 @@
-//! The encoding as differentiable ops: [`encode`] and [`encode_with_jacobian`].
+//! The encoding as differentiable ops: [`encode()`] and [`encode_with_jacobian`].
 //!
 //! For a point `p` in `[0, 1]³`, level `l` with `r` cells per axis, and `t = r p − floor(r p)`,
 //!
@@ -37,10 +37,10 @@ pub struct EncodeConfig {
     pub active_levels: usize,
 }
 
-/// The ops, as backends supply them. Users call [`encode`] and [`encode_with_jacobian`].
+/// The ops, as backends supply them. Users call [`encode()`] and [`encode_with_jacobian`].
 #[backend_extension(NdArray, Flex, Autodiff)]
 pub trait EncodeOps: Backend {
-    /// See [`encode`]: `[n, 2 L]`.
+    /// See [`encode()`]: `[n, 2 L]`.
     fn hash_encode(
         points: FloatTensor<Self>,
         table: FloatTensor<Self>,
@@ -78,13 +78,13 @@ pub fn encode(
     ))
 }
 
-/// [`encode`], and its derivative with respect to the points: `([n, 2 L], [n, 2 L, 3])`.
+/// [`encode()`], and its derivative with respect to the points: `([n, 2 L], [n, 2 L, 3])`.
 ///
 /// Gradients flow to the table, through both results. The points are constants: through a
 /// trilinear Jacobian almost all of their gradient would be zero anyway.
 ///
 /// # Panics
-/// As [`encode`], and when `points` is tracked by autodiff: detach it.
+/// As [`encode()`], and when `points` is tracked by autodiff: detach it.
 #[must_use]
 pub fn encode_with_jacobian(
     points: Tensor<2>,

@@ -12,7 +12,7 @@ use crate::config::Interpolation;
 use crate::cpu::PRIMES;
 use crate::layout::{FEATURES, GridLayout, LevelLayout};
 
-/// Same as [`encode`](super::encode), slowly.
+/// Same as [`encode()`](super::encode()), slowly.
 #[must_use]
 pub fn encode(
     points: Tensor<2>,

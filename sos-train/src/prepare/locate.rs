@@ -1,8 +1,6 @@
 //! Where the object is: the box, from the masks of all views together.
 
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
-
 use super::frame::Frame;
 use super::view::TrainView;
 use super::votes::{ViewTrust, vote_grid};
@@ -163,26 +161,48 @@ fn closest_to_rays(outlines: &[Outline]) -> Result<DVec3, PrepareError> {
     Ok(point)
 }
 
-/// Bounds, in `[-1, 1]`, of the voxels whose vote reaches `threshold`, without stragglers.
+/// Bounds, in `[-1, 1]`, of the largest connected set of voxels whose vote reaches `threshold`.
 fn extent(votes: &[f32], threshold: f32) -> Option<(DVec3, DVec3)> {
     let n = SEARCH_RESOLUTION;
-    let counts: Vec<[usize; 3]> = votes
-        .par_iter()
-        .enumerate()
-        .filter(|(_, vote)| **vote >= threshold)
-        .map(|(i, _)| [i % n, i / n % n, i / (n * n)])
-        .collect();
-    if counts.is_empty() {
+    let mut unvisited: Vec<bool> = votes.iter().map(|vote| *vote >= threshold).collect();
+    let mut best: (f32, [usize; 3], [usize; 3]) = (0.0, [0; 3], [0; 3]);
+    let mut stack = Vec::new();
+    for seed in 0..votes.len() {
+        if !unvisited[seed] {
+            continue;
+        }
+        unvisited[seed] = false;
+        stack.push(seed);
+        let (mut mass, mut low, mut high) = (0.0, [n; 3], [0; 3]);
+        while let Some(i) = stack.pop() {
+            let at = [i % n, i / n % n, i / (n * n)];
+            mass += votes[i];
+            for axis in 0..3 {
+                low[axis] = low[axis].min(at[axis]);
+                high[axis] = high[axis].max(at[axis]);
+                let stride = n.pow(axis as u32);
+                let neighbours = [
+                    (at[axis] > 0).then(|| i - stride),
+                    (at[axis] + 1 < n).then(|| i + stride),
+                ];
+                for j in neighbours.into_iter().flatten() {
+                    if unvisited[j] {
+                        unvisited[j] = false;
+                        stack.push(j);
+                    }
+                }
+            }
+        }
+        if mass > best.0 {
+            best = (mass, low, high);
+        }
+    }
+    if best.0 <= 0.0 {
         return None;
     }
-    let (mut low, mut high) = (DVec3::ZERO, DVec3::ZERO);
-    for axis in 0..3 {
-        let mut along: Vec<usize> = counts.iter().map(|c| c[axis]).collect();
-        along.sort_unstable();
-        let skip = along.len() / 1000;
-        let at = |i: usize| 2.0 * i as f64 / n as f64 - 1.0;
-        low[axis] = at(along[skip]);
-        high[axis] = at(along[along.len() - 1 - skip] + 1);
-    }
-    Some((low, high))
+    let at = |i: usize| 2.0 * i as f64 / n as f64 - 1.0;
+    Some((
+        DVec3::from(best.1.map(at)),
+        DVec3::from(best.2.map(|i| at(i + 1))),
+    ))
 }

@@ -20,8 +20,8 @@ impl ViewTrust {
 
 /// The trusted share of masks that say "object" at each voxel's centre, `[resolution^3]`, x fastest.
 ///
-/// Only views that have the voxel in the picture are asked; a voxel that fewer than three of them
-/// see (or a third of all, where there are fewer than nine) gets 0.
+/// Only views that have the voxel in the picture are asked; a voxel that fewer than three of them,
+/// or fewer than a third, see gets 0: far out, few masks agree by chance.
 #[must_use]
 pub fn vote_grid(
     views: &[TrainView],
@@ -30,7 +30,7 @@ pub fn vote_grid(
     trust: &ViewTrust,
 ) -> Vec<f32> {
     let masked = trust.0.iter().filter(|t| **t > 0.0).count();
-    let enough = masked.div_ceil(3).min(3);
+    let enough = masked.div_ceil(3).max(masked.min(3));
     (0..resolution.pow(3))
         .into_par_iter()
         .map(|cell| {

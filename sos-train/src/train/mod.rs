@@ -183,6 +183,10 @@ impl Trainer {
         let table = rate(config.schedule.learning_rate);
         self.scene = self.optimiser.step(mlp, self.scene.clone(), fields);
         self.sharpness = self.sharpness_optimiser.step(b, self.sharpness.clone(), sharpness);
+        let finest = self.context.object_layout.levels.last().map_or(512, |l| l.resolution);
+        // Phi_b falls from 0.95 to 0.05 over 6 / b: one cell of the finest level, 2 / resolution.
+        let cap = schedule::sharpness_cap(config, self.step, 3.0 * finest as f32);
+        self.sharpness.limit(cap);
         self.object_adam.step_grid(
             &mut self.scene.object.grid,
             &self.context.object_gradient,

@@ -29,6 +29,17 @@ fn active_levels(schedule: &ScheduleConfig, progress: f32, levels: usize) -> usi
     first + (share * (levels - first) as f32) as usize
 }
 
+/// The largest `s` that the sharpness `b = exp(10 s)` may have: it rises evenly over the first 60 %
+/// of the run, to where the surface is as thin as a pixel.
+///
+/// A `b` that runs ahead freezes a surface that is not there yet; `finest` is that of a pixel.
+#[must_use]
+pub fn sharpness_cap(config: &TrainConfig, step: u32, finest: f32) -> f32 {
+    let start = config.schedule.sharpness_start;
+    let end = (finest.max(1.0).ln() / 10.0).max(start);
+    start + (end - start) * (progress(config, step) / 0.6).min(1.0)
+}
+
 /// Full weight at first, then linearly down to the floor.
 fn mask_weight(loss: &LossConfig, progress: f32) -> f32 {
     let span = (loss.mask_end - loss.mask_hold).max(1e-6);
