@@ -22,10 +22,7 @@ impl Dense {
         let shape = [bias.len(), weight.len() / bias.len()];
         Self {
             weight: Param::from_tensor(Tensor::from_data(TensorData::new(weight, shape), device)),
-            bias: Param::from_tensor(Tensor::from_data(
-                TensorData::new(bias, [shape[0]]),
-                device,
-            )),
+            bias: Param::from_tensor(Tensor::from_data(TensorData::new(bias, [shape[0]]), device)),
         }
     }
 

@@ -91,7 +91,12 @@ impl FrozenSurface {
         extra: &[f32],
     ) -> Vec<f32> {
         colour_field::evaluate(
-            colour_field::Inputs { geometry: &geometry.values, points, directions, extra },
+            colour_field::Inputs {
+                geometry: &geometry.values,
+                points,
+                directions,
+                extra,
+            },
             self.colour.clone(),
         )
     }

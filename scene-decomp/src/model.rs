@@ -98,13 +98,13 @@ impl Sharpness {
         }
     }
 
-    /// Keeps both `s` at or below `largest`.
-    pub fn limit(&mut self, largest: f32) {
+    /// Keeps both `s` within `[smallest, largest]`.
+    pub fn limit(&mut self, smallest: f32, largest: f32) {
         let s = self.s.clone();
         self.s = s.map(|s| {
             let tracked = s.is_require_grad();
             // By way of the inner tensor, so that the result is a leaf again.
-            let s = Tensor::from_inner(s.inner().clamp_max(largest));
+            let s = Tensor::from_inner(s.inner().clamp(smallest, largest));
             if tracked { s.require_grad() } else { s }
         });
     }

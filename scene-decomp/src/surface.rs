@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::colour_field::{ColourFieldInputs, ColourFieldWeights, colour_field};
 use crate::dense::{Dense, Random};
-use crate::sdf_field::{SdfFieldConfig, SdfFieldWeights, sdf_field};
+use crate::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, sdf_field};
 
 /// The sign of the sphere that a field starts from.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -55,6 +55,7 @@ pub struct Surface {
     pub colour: [Dense; 3],
     half_side: f32,
     beta: f32,
+    flat: bool,
 }
 
 /// What a surface says about points.
@@ -123,6 +124,16 @@ impl Surface {
             ],
             half_side: config.half_side,
             beta: config.beta,
+            flat: matches!(config.initial, InitialShape::Flat(_)),
+        }
+    }
+
+    /// A field that is read as a density has no use for a normal.
+    fn normal(&self) -> Normal {
+        if self.flat {
+            Normal::Zero
+        } else {
+            Normal::Computed
         }
     }
 
@@ -139,6 +150,7 @@ impl Surface {
             active_levels,
             half_side: self.half_side,
             beta: self.beta,
+            normal: self.normal(),
             sparse,
         }
     }
@@ -189,7 +201,12 @@ impl Surface {
     ) -> SurfaceSamples {
         let geometry = self.geometry(points.clone(), config);
         let colour = colour_field(
-            ColourFieldInputs { geometry: geometry.clone(), points, directions, extra },
+            ColourFieldInputs {
+                geometry: geometry.clone(),
+                points,
+                directions,
+                extra,
+            },
             self.colour_weights(),
         );
         SurfaceSamples { geometry, colour }

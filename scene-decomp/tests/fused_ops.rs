@@ -51,15 +51,22 @@ fn surface(device: &Device) -> Surface {
     let config = config();
     let mut surface = Surface::new(&config, 3, device);
     let entries = GridLayout::new(&config.grid).entries();
-    let table = numbers(entries * 2, 5).iter().map(|v| 0.3 * v).collect::<Vec<_>>();
+    let table = numbers(entries * 2, 5)
+        .iter()
+        .map(|v| 0.3 * v)
+        .collect::<Vec<_>>();
     surface.grid.table = surface.grid.table.map(|_| {
         Tensor::<2>::from_data(TensorData::new(table, [entries, 2]), device).require_grad()
     });
     let shape = surface.sdf[0].weight.dims();
-    let weight = numbers(shape[0] * shape[1], 6).iter().map(|v| 0.4 * v).collect::<Vec<_>>();
-    surface.sdf[0].weight = surface.sdf[0].weight.clone().map(|_| {
-        Tensor::<2>::from_data(TensorData::new(weight, shape), device).require_grad()
-    });
+    let weight = numbers(shape[0] * shape[1], 6)
+        .iter()
+        .map(|v| 0.4 * v)
+        .collect::<Vec<_>>();
+    surface.sdf[0].weight = surface.sdf[0]
+        .weight
+        .clone()
+        .map(|_| Tensor::<2>::from_data(TensorData::new(weight, shape), device).require_grad());
     surface
 }
 
@@ -75,7 +82,10 @@ fn assert_close(name: &str, a: &[f32], b: &[f32], tolerance: f32) {
     assert_eq!(a.len(), b.len(), "{name}: lengths");
     let scale = b.iter().fold(1e-3f32, |m, v| m.max(v.abs()));
     for (i, (a, b)) in a.iter().zip(b).enumerate() {
-        assert!((a - b).abs() <= tolerance * scale, "{name}[{i}]: {a} and {b}, scale {scale}");
+        assert!(
+            (a - b).abs() <= tolerance * scale,
+            "{name}[{i}]: {a} and {b}, scale {scale}"
+        );
     }
 }
 
@@ -83,7 +93,10 @@ fn assert_close(name: &str, a: &[f32], b: &[f32], tolerance: f32) {
 fn both_sdf(device: &Device, n: usize, active: usize) -> [(Vec<f32>, Vec<Vec<f32>>); 2] {
     let device = &device.clone().autodiff();
     let layout = Arc::new(GridLayout::new(&config().grid));
-    let points = numbers(3 * n, 11).iter().map(|v| 1.9 * v).collect::<Vec<_>>();
+    let points = numbers(3 * n, 11)
+        .iter()
+        .map(|v| 1.9 * v)
+        .collect::<Vec<_>>();
     let upstream = numbers(n * 11, 12);
     [false, true].map(|reference| {
         let surface = surface(device);
@@ -95,7 +108,10 @@ fn both_sdf(device: &Device, n: usize, active: usize) -> [(Vec<f32>, Vec<Vec<f32
         } else {
             sdf_field::sdf_field(points, weights.clone(), settings)
         };
-        let loss = out.clone().mul(tensor(upstream.clone(), [n, 11], device)).sum();
+        let loss = out
+            .clone()
+            .mul(tensor(upstream.clone(), [n, 11], device))
+            .sum();
         let grads = loss.backward();
         let gradients = vec![
             values(weights.table.grad(&grads).unwrap()),
@@ -115,8 +131,9 @@ fn sdf_field_equals_its_reference() {
         for (n, active) in [(1, 5), (17, 2), (300, 5), (2100, 3)] {
             let [kernel, reference] = both_sdf(&device, n, active);
             assert_close("sdf_field", &kernel.0, &reference.0, VALUE_TOLERANCE);
-            for (name, (a, b)) in
-                ["table", "w1", "b1", "w2", "b2"].iter().zip(kernel.1.iter().zip(&reference.1))
+            for (name, (a, b)) in ["table", "w1", "b1", "w2", "b2"]
+                .iter()
+                .zip(kernel.1.iter().zip(&reference.1))
             {
                 assert_close(name, a, b, GRADIENT_TOLERANCE);
             }
@@ -137,7 +154,10 @@ fn the_normal_is_the_gradient_of_the_distance() {
     // the rounding of the distance.
     let step = 2e-3;
     let mut checked = 0;
-    for p in numbers(120, 21).chunks_exact(3).map(|p| [1.7 * p[0], 1.7 * p[1], 1.7 * p[2]]) {
+    for p in numbers(120, 21)
+        .chunks_exact(3)
+        .map(|p| [1.7 * p[0], 1.7 * p[1], 1.7 * p[2]])
+    {
         let cell = |v: f32| ((v / 4.0 + 0.5) * 40.0).fract();
         if p.iter().any(|v| !(0.1..0.9).contains(&cell(*v))) {
             continue;
@@ -179,7 +199,10 @@ fn colour_field_equals_its_reference() {
                 } else {
                     colour_field::colour_field(inputs, weights.clone())
                 };
-                let loss = out.clone().mul(tensor(upstream.clone(), [n, 4], device)).sum();
+                let loss = out
+                    .clone()
+                    .mul(tensor(upstream.clone(), [n, 4], device))
+                    .sum();
                 let grads = loss.backward();
                 let gradients = vec![
                     values(geometry.grad(&grads).unwrap()),
@@ -204,7 +227,11 @@ fn colour_field_equals_its_reference() {
 #[test]
 fn the_initial_surface_is_a_ball() {
     let device = Device::flex();
-    let config = SurfaceConfig { beta: 100.0, half_side: 1.0, ..config() };
+    let config = SurfaceConfig {
+        beta: 100.0,
+        half_side: 1.0,
+        ..config()
+    };
     let surface = Surface::new(&config, 1, &device);
     let layout = Arc::new(GridLayout::new(&config.grid));
     for p in numbers(300, 41).chunks_exact(3) {
@@ -212,7 +239,11 @@ fn the_initial_surface_is_a_ball() {
         let out = values(surface.geometry(tensor(p.to_vec(), [1, 3], &device), settings));
         let radius = p.iter().map(|v| v * v).sum::<f32>().sqrt();
         // 64 random directions approximate the length to about an eighth.
-        assert!((out[0] - (radius - 0.5)).abs() < 0.2 * radius + 0.02, "{} at {radius}", out[0]);
+        assert!(
+            (out[0] - (radius - 0.5)).abs() < 0.2 * radius + 0.02,
+            "{} at {radius}",
+            out[0]
+        );
     }
     assert!(surface.num_params() > 0);
 }

@@ -20,9 +20,13 @@ impl F32Slices for Flex {
     }
 
     fn update_f32(tensor: FloatTensor<Self>, update: impl FnOnce(&mut [f32])) -> FloatTensor<Self> {
-        let whole = tensor.layout().contiguous_offsets()
-            == Some((0, tensor.storage::<f32>().len()));
-        let mut tensor = if whole { tensor } else { tensor.to_contiguous() };
+        let whole =
+            tensor.layout().contiguous_offsets() == Some((0, tensor.storage::<f32>().len()));
+        let mut tensor = if whole {
+            tensor
+        } else {
+            tensor.to_contiguous()
+        };
         update(tensor.storage_mut::<f32>());
         tensor
     }

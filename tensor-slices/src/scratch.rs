@@ -49,7 +49,8 @@ impl Scratch {
 
 fn lock() -> std::sync::MutexGuard<'static, Vec<Vec<f32>>> {
     // A panic elsewhere cannot leave the list half changed: every change is one call.
-    POOL.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    POOL.lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
 impl Deref for Scratch {

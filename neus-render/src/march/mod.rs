@@ -48,6 +48,9 @@ pub enum Jitter {
 pub struct MarchConfig {
     /// Step length inside the object box.
     pub step_object: f32,
+    /// Inside the box, how many steps the background alone is marched at once, where the object's
+    /// grid is empty for at least that far: only the object needs fine steps.
+    pub background_stride: u32,
     /// Intervals between the box and infinity, evenly spaced in `d / (d + 1)`; what lies beyond
     /// `far` or nearer than `near` is left out.
     pub background_samples: u32,
@@ -69,6 +72,7 @@ impl Default for MarchConfig {
     fn default() -> Self {
         Self {
             step_object: 3.0f32.sqrt() * 2.0 / 1024.0,
+            background_stride: 1,
             background_samples: 64,
             near: 0.01,
             far: 1000.0,
@@ -230,7 +234,8 @@ impl Chunk {
         self.approach(&outside, before, before - near);
         if let Some(span) = inside {
             let step = stretch * config.step_object;
-            self.cross(ray, grids, (span.near, span.far), step, offset);
+            let stride = i64::from(config.background_stride.max(1));
+            self.cross(ray, grids, (span.near, span.far), (step, stride), offset);
         }
         self.recede(&outside, behind, far - behind);
     }
@@ -295,7 +300,7 @@ impl Chunk {
         ray: &Ray,
         grids: Grids<'_>,
         (begin, end): (f32, f32),
-        step: f32,
+        (step, stride): (f32, i64),
         offset: f32,
     ) {
         let inverse = ray.direction.recip();
@@ -336,8 +341,20 @@ impl Chunk {
                 let skipped = (empty * steps_per_length).min(1e9) as i64;
                 k += skipped.max(1);
             } else {
-                self.push(from, to, object == 0.0, background == 0.0);
-                k += 1;
+                // The object's emptiness is known from the midpoint on: half a step of it is used up.
+                let free = (object * steps_per_length - 0.5).clamp(0.0, 1e9) as i64;
+                let at_once = if object > 0.0 {
+                    free.clamp(1, stride)
+                } else {
+                    1
+                };
+                self.push(
+                    from,
+                    line(k + at_once - 1),
+                    object == 0.0,
+                    background == 0.0,
+                );
+                k += at_once;
             }
         }
     }

@@ -180,7 +180,13 @@ pub(crate) fn forward(
     let mut kept = Scratch::new(out.len());
     kept.copy_from_slice(&out);
     let geometry_columns = inputs.columns(width).0;
-    let saved = Saved { weights, geometry_columns, n, tiles, out: kept };
+    let saved = Saved {
+        weights,
+        geometry_columns,
+        n,
+        tiles,
+        out: kept,
+    };
     (out, Some(saved))
 }
 
@@ -280,14 +286,24 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32]) -> Gradients {
             (partials, lanes)
         })
         .collect();
-    let mut sums = [first, second, third].map(|l| (vec![0.0; l.weight.len()], vec![0.0; l.outputs()]));
+    let mut sums =
+        [first, second, third].map(|l| (vec![0.0; l.weight.len()], vec![0.0; l.outputs()]));
     for (partials, lanes) in &jobs {
         for (partial, (weight, bias)) in partials.iter().zip(&mut sums) {
             partial.reduce_into(*lanes, weight, bias);
         }
     }
     let [(w1, b1), (w2, b2), (w3, b3)] = sums;
-    Gradients { geometry, geometry_columns: columns, w1, b1, w2, b2, w3, b3 }
+    Gradients {
+        geometry,
+        geometry_columns: columns,
+        w1,
+        b1,
+        w2,
+        b2,
+        w3,
+        b3,
+    }
 }
 
 struct BackwardJob<'a> {

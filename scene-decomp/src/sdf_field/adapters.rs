@@ -39,7 +39,14 @@ macro_rules! cpu_backend {
                 b2: FloatTensor<Self>,
                 config: SdfFieldConfig,
             ) -> FloatTensor<Self> {
-                run::<Self>(&points, &table, [&w1, &b1, &w2, &b2], &config, cpu::Keep::Nothing).0
+                run::<Self>(
+                    &points,
+                    &table,
+                    [&w1, &b1, &w2, &b2],
+                    &config,
+                    cpu::Keep::Nothing,
+                )
+                .0
             }
         }
 

@@ -27,7 +27,16 @@ use burn::Tensor;
 use burn::backend::{Backend, Dispatch, backend_extension, tensor::FloatTensor};
 use hashgrid::{GridLayout, SparseGrad};
 
-pub(crate) use cpu::{evaluate, transposed, Weights};
+pub(crate) use cpu::{Weights, evaluate, transposed};
+
+/// Whether the op computes normals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Normal {
+    /// The gradient of the sdf.
+    Computed,
+    /// Zeros, at half the cost: for a field that is read as a density.
+    Zero,
+}
 
 /// What the op needs besides its tensors.
 #[derive(Clone, Debug)]
@@ -40,6 +49,8 @@ pub struct SdfFieldConfig {
     pub half_side: f32,
     /// The softplus' sharpness.
     pub beta: f32,
+    /// Whether the normal is wanted at all.
+    pub normal: Normal,
     /// Where the table's gradient goes; `None` registers a dense one with autodiff.
     pub sparse: Option<SparseGrad>,
 }
@@ -109,7 +120,12 @@ pub fn sdf_field(points: Tensor<2>, weights: SdfFieldWeights, config: SdfFieldCo
 fn check(points: &Tensor<2>, weights: &SdfFieldWeights, config: &SdfFieldConfig) {
     let columns = 3 + 2 * config.layout.levels.len();
     let [_, three] = points.dims();
-    assert_eq!(three, 3, "sdf_field: points are {:?}, not [n, 3]", points.dims());
+    assert_eq!(
+        three,
+        3,
+        "sdf_field: points are {:?}, not [n, 3]",
+        points.dims()
+    );
     let [hidden, inputs] = weights.w1.dims();
     assert_eq!(
         inputs, columns,
@@ -121,7 +137,11 @@ fn check(points: &Tensor<2>, weights: &SdfFieldWeights, config: &SdfFieldConfig)
         "sdf_field: w2 is [{outputs}, {inner}], but w1 has {hidden} rows"
     );
     assert_eq!(weights.b1.dims(), [hidden], "sdf_field: b1 does not fit w1");
-    assert_eq!(weights.b2.dims(), [outputs], "sdf_field: b2 does not fit w2");
+    assert_eq!(
+        weights.b2.dims(),
+        [outputs],
+        "sdf_field: b2 does not fit w2"
+    );
     assert!(
         config.active_levels <= config.layout.levels.len(),
         "sdf_field: {} active levels of {}",

@@ -4,7 +4,7 @@ use burn::Tensor;
 use burn::tensor::activation::{sigmoid, softplus};
 use hashgrid::reference::encode_with_jacobian;
 
-use super::{SdfFieldConfig, SdfFieldWeights};
+use super::{Normal, SdfFieldConfig, SdfFieldWeights};
 
 /// Same as [`sdf_field`](super::sdf_field), slowly.
 #[must_use]
@@ -30,6 +30,9 @@ pub fn sdf_field(points: Tensor<2>, weights: SdfFieldWeights, config: SdfFieldCo
         .mul(jacobian.mul_scalar(scale))
         .sum_dim(1)
         .reshape([n, 3]);
-    let normal = g.slice([0..n, 0..3]) + through_h;
+    let mut normal = g.slice([0..n, 0..3]) + through_h;
+    if config.normal == Normal::Zero {
+        normal = normal.zeros_like();
+    }
     Tensor::cat(vec![out, normal], 1)
 }

@@ -30,7 +30,8 @@ pub(crate) fn ln_1p_unit(e: f32) -> f32 {
     2.0 * u
         * (1.0
             + v * (1.0 / 3.0
-                + v * (1.0 / 5.0 + v * (1.0 / 7.0 + v * (1.0 / 9.0 + v * (1.0 / 11.0 + v / 13.0))))))
+                + v * (1.0 / 5.0
+                    + v * (1.0 / 7.0 + v * (1.0 / 9.0 + v * (1.0 / 11.0 + v / 13.0))))))
 }
 
 /// `1 / (1 + exp(-x))`.
@@ -72,7 +73,10 @@ mod tests {
             softplus(100.0, &[x / 100.0], &mut value, &mut slope);
             let t = 100.0 * f64::from(x / 100.0);
             let exact = t.exp().ln_1p().min(t.max(0.0) + 1.0) / 100.0;
-            assert!((f64::from(value[0]) - exact).abs() < 1e-8 + 2e-7 * exact, "softplus({x})");
+            assert!(
+                (f64::from(value[0]) - exact).abs() < 1e-8 + 2e-7 * exact,
+                "softplus({x})"
+            );
             if x <= 0.0 {
                 let relative = f64::from(exp_non_positive(x)) / f64::from(x).exp() - 1.0;
                 assert!(x < -86.0 || relative.abs() < 4e-7, "exp({x}): {relative:e}");

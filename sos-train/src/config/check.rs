@@ -101,6 +101,7 @@ impl TrainConfig {
             ("loss.mask_end", loss.mask_end),
             ("loss.mask_floor", loss.mask_floor),
             ("loss.ignore_band", loss.ignore_band),
+            ("loss.background_gate", loss.background_gate),
             ("schedule.final_ratio", schedule.final_ratio),
             ("schedule.levels_end", schedule.levels_end),
             ("schedule.cos_anneal_end", schedule.cos_anneal_end),

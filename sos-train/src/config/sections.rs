@@ -114,6 +114,9 @@ pub struct LossConfig {
     pub points: f32,
     /// Weight of the background's own colour loss outside the masks.
     pub background: f32,
+    /// Share of the joint colour's gradient that teaches the background at pixels that may show the
+    /// object. Above 0, the background can learn the object.
+    pub background_gate: f32,
 }
 
 /// `[schedule]`: what changes in the course of a run.

@@ -1,11 +1,11 @@
 //! Where the object is: the box, from the masks of all views together.
 
-use glam::{DMat3, DVec3};
+use super::error::PrepareError;
 use super::frame::Frame;
 use super::view::TrainView;
 use super::votes::{ViewTrust, vote_grid};
 use crate::config::PrepareConfig;
-use super::error::PrepareError;
+use glam::{DMat3, DVec3};
 
 /// Voxels per axis of the search grid.
 const SEARCH_RESOLUTION: usize = 64;
@@ -20,10 +20,7 @@ const SEARCH_RADII: f64 = 3.5;
 ///
 /// # Errors
 /// When no three masks agree on a place.
-pub fn box_from_masks(
-    views: &[TrainView],
-    config: &PrepareConfig,
-) -> Result<Frame, PrepareError> {
+pub fn box_from_masks(views: &[TrainView], config: &PrepareConfig) -> Result<Frame, PrepareError> {
     let outlines: Vec<Outline> = views.iter().filter_map(Outline::of).collect();
     if outlines.len() < 2 {
         return Err(PrepareError::Scene(format!(
@@ -46,7 +43,10 @@ pub fn box_from_masks(
                 .into(),
         ));
     };
-    let mut frame = Frame { centre, half_side: SEARCH_RADII * radius };
+    let mut frame = Frame {
+        centre,
+        half_side: SEARCH_RADII * radius,
+    };
     let trust = ViewTrust::all(views);
     // Twice: the second time around what the first found, so that the grid is fine enough.
     for _ in 0..2 {
@@ -76,8 +76,10 @@ pub fn box_from_masks(
 pub fn box_from_cameras(views: &[TrainView]) -> Result<Frame, PrepareError> {
     let outlines: Vec<Outline> = views.iter().filter_map(Outline::of_axis).collect();
     let centre = closest_to_rays(&outlines)?;
-    let mut distances: Vec<f64> =
-        outlines.iter().map(|o| (centre - o.origin).length() * o.angular_radius).collect();
+    let mut distances: Vec<f64> = outlines
+        .iter()
+        .map(|o| (centre - o.origin).length() * o.angular_radius)
+        .collect();
     distances.sort_by(f64::total_cmp);
     let half_side = distances.get(distances.len() / 2).copied().unwrap_or(1.0);
     Ok(Frame { centre, half_side })
@@ -106,7 +108,11 @@ impl Outline {
             return None;
         }
         let n = area as f64;
-        Self::through(view, glam::DVec2::new(x / n, y / n), (n / std::f64::consts::PI).sqrt())
+        Self::through(
+            view,
+            glam::DVec2::new(x / n, y / n),
+            (n / std::f64::consts::PI).sqrt(),
+        )
     }
 
     fn of_axis(view: &TrainView) -> Option<Self> {

@@ -42,18 +42,21 @@ pub struct Prepared {
 ///
 /// # Errors
 /// When masks or cameras do not determine a box.
-pub fn prepare(views: Vec<TrainView>, config: &PrepareConfig, ignore_band: f32) -> Result<Prepared, PrepareError> {
+pub fn prepare(
+    views: Vec<TrainView>,
+    config: &PrepareConfig,
+    ignore_band: f32,
+) -> Result<Prepared, PrepareError> {
     let mut notes = Vec::new();
     let masked = views.iter().filter(|v| v.mask.is_some()).count();
     let stride = 2;
     let (frame, map, trust) = if masked > 0 {
         let frame = locate::box_from_masks(&views, config)?;
-        let first = ProbabilityMap::new(
-            MAP_RESOLUTION,
-            vote_grid(&views, &frame, MAP_RESOLUTION, &ViewTrust::all(&views)),
-        );
-        let silhouettes = silhouettes(&views, &frame, &first, 4);
-        let trust = outline::trust_masks(&views, &silhouettes, 4, config.object_threshold);
+        // Coarsely first: that is enough to see which masks contradict the others.
+        let coarse = MAP_RESOLUTION / 2;
+        let votes = vote_grid(&views, &frame, coarse, &ViewTrust::all(&views));
+        let silhouettes = silhouettes(&views, &frame, &ProbabilityMap::new(coarse, votes), 8);
+        let trust = outline::trust_masks(&views, &silhouettes, 8, config.object_threshold);
         let doubted: Vec<&str> = views
             .iter()
             .zip(&trust.0)
@@ -80,7 +83,11 @@ pub fn prepare(views: Vec<TrainView>, config: &PrepareConfig, ignore_band: f32) 
                 ((DEFAULT_BALL - r) * 4.0 + 0.5).clamp(0.0, 1.0)
             })
             .collect();
-        (frame, ProbabilityMap::new(MAP_RESOLUTION, ball), ViewTrust(vec![0.0; views.len()]))
+        (
+            frame,
+            ProbabilityMap::new(MAP_RESOLUTION, ball),
+            ViewTrust(vec![0.0; views.len()]),
+        )
     };
     notes.push(format!(
         "object box: centre ({:.4}, {:.4}, {:.4}), side {:.4} in the scene's unit",
@@ -101,7 +108,13 @@ pub fn prepare(views: Vec<TrainView>, config: &PrepareConfig, ignore_band: f32) 
             outline::outline(view, silhouette, stride, trust, band, config)
         })
         .collect();
-    Ok(Prepared { views, frame, map, outlines, notes })
+    Ok(Prepared {
+        views,
+        frame,
+        map,
+        outlines,
+        notes,
+    })
 }
 
 fn silhouettes(
@@ -110,5 +123,8 @@ fn silhouettes(
     map: &ProbabilityMap,
     stride: u32,
 ) -> Vec<GrayImage> {
-    views.iter().map(|view| outline::silhouette(view, frame, map, stride)).collect()
+    views
+        .iter()
+        .map(|view| outline::silhouette(view, frame, map, stride))
+        .collect()
 }

@@ -70,27 +70,24 @@ impl Outline {
 
 /// The largest m^P on each pixel's ray, 8 bit, at a `1 / stride` of the photo's size.
 #[must_use]
-pub fn silhouette(
-    view: &TrainView,
-    frame: &Frame,
-    map: &ProbabilityMap,
-    stride: u32,
-) -> GrayImage {
+pub fn silhouette(view: &TrainView, frame: &Frame, map: &ProbabilityMap, stride: u32) -> GrayImage {
     let world_from_camera = view.world_from_camera(frame);
-    let (w, h) = (view.width().div_ceil(stride), view.height().div_ceil(stride));
-    let step = 1.0 / map.resolution() as f32;
+    let (w, h) = (
+        view.width().div_ceil(stride),
+        view.height().div_ceil(stride),
+    );
     let unit = Aabb::UNIT;
     let rows: Vec<u8> = (0..w * h)
         .into_par_iter()
         .map(|i| {
             let pixel = Vec2::new((i % w) as f32 + 0.5, (i / w) as f32 + 0.5) * stride as f32;
-            let Some(ray) = view.ray(&world_from_camera, pixel) else { return 0 };
-            let Some(span) = ray_box(&ray, &unit) else { return 0 };
-            let (mut t, mut best) = (span.near.max(0.0) + 0.5 * step, 0.0f32);
-            while t < span.far && best < 0.995 {
-                best = best.max(map.at(ray.at(t)));
-                t += step;
-            }
+            let Some(ray) = view.ray(&world_from_camera, pixel) else {
+                return 0;
+            };
+            let Some(span) = ray_box(&ray, &unit) else {
+                return 0;
+            };
+            let best = map.max_along(ray.origin, ray.direction, (span.near, span.far), 0.995);
             (255.0 * best + 0.5) as u8
         })
         .collect();
@@ -99,7 +96,12 @@ pub fn silhouette(
 
 /// How far each mask is believed: by its overlap with what the others say, relative to the median.
 #[must_use]
-pub fn trust_masks(views: &[TrainView], silhouettes: &[GrayImage], stride: u32, threshold: f32) -> ViewTrust {
+pub fn trust_masks(
+    views: &[TrainView],
+    silhouettes: &[GrayImage],
+    stride: u32,
+    threshold: f32,
+) -> ViewTrust {
     let limit = (255.0 * threshold) as u8;
     let overlaps: Vec<Option<f32>> = views
         .par_iter()
@@ -120,7 +122,11 @@ pub fn trust_masks(views: &[TrainView], silhouettes: &[GrayImage], stride: u32, 
         .collect();
     let mut sorted: Vec<f32> = overlaps.iter().flatten().copied().collect();
     sorted.sort_by(f32::total_cmp);
-    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(1.0).max(1e-3);
+    let median = sorted
+        .get(sorted.len() / 2)
+        .copied()
+        .unwrap_or(1.0)
+        .max(1e-3);
     ViewTrust(
         overlaps
             .iter()
@@ -150,7 +156,11 @@ pub fn outline(
     for y in 0..height {
         for x in 0..width {
             let i = (y * width + x) as usize;
-            let hull = bilinear(silhouette, (x as f32 + 0.5) / stride as f32, (y as f32 + 0.5) / stride as f32);
+            let hull = bilinear(
+                silhouette,
+                (x as f32 + 0.5) / stride as f32,
+                (y as f32 + 0.5) / stride as f32,
+            );
             if hull >= config.hull_threshold {
                 candidates.push(i as u32);
             }
@@ -173,7 +183,11 @@ pub fn outline(
             labels[i] = label as u8;
         }
     }
-    Outline { width, labels, candidates }
+    Outline {
+        width,
+        labels,
+        candidates,
+    }
 }
 
 /// Value in `[0, 1]` at a position in pixels, between pixel centres.
@@ -183,7 +197,10 @@ fn bilinear(image: &GrayImage, x: f32, y: f32) -> f32 {
     let (x0, y0) = (fx.floor() as i64, fy.floor() as i64);
     let (tx, ty) = (fx - fx.floor(), fy - fy.floor());
     let at = |dx: i64, dy: i64| {
-        let p = image.get_pixel(clamp(x0 + dx, image.width()), clamp(y0 + dy, image.height()));
+        let p = image.get_pixel(
+            clamp(x0 + dx, image.width()),
+            clamp(y0 + dy, image.height()),
+        );
         f32::from(p.0[0]) / 255.0
     };
     let top = at(0, 0) + tx * (at(1, 0) - at(0, 0));
@@ -197,19 +214,21 @@ fn near_edge(mask: &GrayImage, band: u32) -> Vec<bool> {
     let inside: Vec<bool> = mask.pixels().map(|p| p.0[0] >= 128).collect();
     let band = band as usize;
     // Counts of object pixels in windows, first along rows, then along columns.
-    let window = |values: &[u32], length: usize, lines: usize, at: &dyn Fn(usize, usize) -> usize| {
-        let mut sums = vec![0u32; values.len()];
-        for line in 0..lines {
-            let mut prefix = vec![0u32; length + 1];
-            for i in 0..length {
-                prefix[i + 1] = prefix[i] + values[at(line, i)];
+    let window =
+        |values: &[u32], length: usize, lines: usize, at: &dyn Fn(usize, usize) -> usize| {
+            let mut sums = vec![0u32; values.len()];
+            for line in 0..lines {
+                let mut prefix = vec![0u32; length + 1];
+                for i in 0..length {
+                    prefix[i + 1] = prefix[i] + values[at(line, i)];
+                }
+                for i in 0..length {
+                    sums[at(line, i)] =
+                        prefix[(i + band + 1).min(length)] - prefix[i.saturating_sub(band)];
+                }
             }
-            for i in 0..length {
-                sums[at(line, i)] = prefix[(i + band + 1).min(length)] - prefix[i.saturating_sub(band)];
-            }
-        }
-        sums
-    };
+            sums
+        };
     let ones: Vec<u32> = inside.iter().map(|b| u32::from(*b)).collect();
     let rows = window(&ones, w, h, &|line, i| line * w + i);
     let sums = window(&rows, h, w, &|line, i| i * w + line);

@@ -8,8 +8,8 @@ use io_colmap::{Camera, MaskSet, Pose, Scene};
 use neus_render::rays::{Projection, Ray};
 use rayon::prelude::*;
 
-use super::frame::Frame;
 use super::error::PrepareError;
+use super::frame::Frame;
 
 /// A lens, as the renderer asks for it.
 #[derive(Clone, Debug)]

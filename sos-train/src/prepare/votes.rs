@@ -14,7 +14,12 @@ impl ViewTrust {
     /// Full trust in every mask there is.
     #[must_use]
     pub fn all(views: &[TrainView]) -> Self {
-        Self(views.iter().map(|v| f32::from(u8::from(v.mask.is_some()))).collect())
+        Self(
+            views
+                .iter()
+                .map(|v| f32::from(u8::from(v.mask.is_some())))
+                .collect(),
+        )
     }
 }
 
@@ -41,13 +46,19 @@ pub fn vote_grid(
                 if trust <= 0.0 {
                     continue;
                 }
-                let Some((pixel, _)) = view.project(world) else { continue };
+                let Some((pixel, _)) = view.project(world) else {
+                    continue;
+                };
                 let value = mask.get_pixel(pixel.x as u32, pixel.y as u32).0[0];
                 sum += trust * f32::from(value) / 255.0;
                 total += trust;
                 seen += 1;
             }
-            if seen < enough || total <= 0.0 { 0.0 } else { sum / total }
+            if seen < enough || total <= 0.0 {
+                0.0
+            } else {
+                sum / total
+            }
         })
         .collect()
 }

@@ -26,7 +26,11 @@ impl SdfBatch for ObjectSdf<'_> {
         let threshold = self.0.config.prepare.hull_threshold;
         for (i, (value, point)) in out.iter_mut().zip(points).enumerate() {
             let sdf = geometry.sdf(i);
-            *value = if self.0.map.at(*point) >= threshold { sdf } else { sdf.max(OUTSIDE) };
+            *value = if self.0.map.at(*point) >= threshold {
+                sdf
+            } else {
+                sdf.max(OUTSIDE)
+            };
         }
     }
 }
@@ -40,7 +44,11 @@ pub fn extract(
     frame: &Frame,
     resolution: u32,
 ) -> Result<WorldMesh, IsosurfaceError> {
-    let config = IsosurfaceConfig { resolution, border: Border::Closed, ..IsosurfaceConfig::default() };
+    let config = IsosurfaceConfig {
+        resolution,
+        border: Border::Closed,
+        ..IsosurfaceConfig::default()
+    };
     let mut mesh = extract_isosurface(&ObjectSdf(scene), &Aabb::UNIT, &config)?;
     mesh.keep_large_parts(Measure::Area, SMALLEST_PART);
     let points: Vec<f32> = mesh.positions.iter().flat_map(|p| p.to_array()).collect();

@@ -15,7 +15,9 @@ const PANEL: u32 = 240;
 /// # Errors
 /// When the file cannot be written.
 pub fn write(run: &RunFolder, scene: &FrozenScene, data: &Prepared) -> Result<(), ExportError> {
-    let Some(view) = data.views.first() else { return Ok(()) };
+    let Some(view) = data.views.first() else {
+        return Ok(());
+    };
     let scale = view.width() as f32 / PANEL as f32;
     let height = ((view.height() as f32 / scale) as u32).max(1);
     let world_from_camera = view.world_from_camera(&data.frame);

@@ -71,6 +71,7 @@ impl FrozenScene {
         let sampling = &self.config.sampling;
         let march = MarchConfig {
             step_object: 2.0 / sampling.object_steps as f32,
+            background_stride: crate::train::BACKGROUND_STRIDE,
             background_samples: sampling.background_samples,
             jitter: Jitter::Fixed,
             ..MarchConfig::default()
@@ -130,7 +131,9 @@ impl FrozenScene {
 
     fn object_rows(&self, at: &FieldSamples) -> Vec<f32> {
         let geometry = self.object.geometry(&at.points);
-        let colour = self.object.colour(&geometry, &at.points, &at.directions, &[]);
+        let colour = self
+            .object
+            .colour(&geometry, &at.points, &at.directions, &[]);
         let mut rows = Vec::with_capacity(at.len() * object_column::COUNT);
         for (i, colour) in colour.chunks_exact(4).enumerate() {
             let direction = Vec3::from_slice(&at.directions[3 * i..]);
@@ -146,8 +149,9 @@ impl FrozenScene {
 
     fn background_rows(&self, at: &FieldSamples) -> Vec<f32> {
         let geometry = self.background.geometry(&at.points);
-        let colour =
-            self.background.colour(&geometry, &at.points, &at.directions, &at.probability);
+        let colour = self
+            .background
+            .colour(&geometry, &at.points, &at.directions, &at.probability);
         let mut rows = Vec::with_capacity(at.len() * background_column::COUNT);
         for (i, colour) in colour.chunks_exact(3).enumerate() {
             let direction = Vec3::from_slice(&at.directions[3 * i..]);

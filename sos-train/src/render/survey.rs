@@ -57,7 +57,13 @@ impl Survey {
                     distance[cell] = ray.background_distance;
                 }
                 done();
-                CoarseView { world_from_camera, width, height, matte, distance }
+                CoarseView {
+                    world_from_camera,
+                    width,
+                    height,
+                    matte,
+                    distance,
+                }
             })
             .collect();
         Self { views }
@@ -76,7 +82,8 @@ impl Survey {
             .iter()
             .zip(&self.views)
             .filter(|(view, coarse)| {
-                view.project(world).is_some_and(|(pixel, _)| coarse.shows(point, pixel))
+                view.project(world)
+                    .is_some_and(|(pixel, _)| coarse.shows(point, pixel))
             })
             .count();
         count.min(255) as u8

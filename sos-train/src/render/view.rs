@@ -15,7 +15,12 @@ const PLATE_REACH: i32 = 3;
 
 /// Renders view `index`.
 #[must_use]
-pub fn render_view(scene: &FrozenScene, data: &Prepared, survey: &Survey, index: usize) -> ViewRender {
+pub fn render_view(
+    scene: &FrozenScene,
+    data: &Prepared,
+    survey: &Survey,
+    index: usize,
+) -> ViewRender {
     let view = &data.views[index];
     let (width, height) = (view.width(), view.height());
     let pixels = (width * height) as usize;
@@ -74,7 +79,9 @@ pub fn render_view(scene: &FrozenScene, data: &Prepared, survey: &Survey, index:
         out.foreground[i] = decontaminated(photo, hit, out.alpha[i]).to_array();
         if hit.object_distance > 0.0 && out.alpha[i] > 0.05 {
             out.normal[i] = normals[k].to_array();
-            let point = data.frame.world_from_normalised(rays[k].at(hit.object_distance));
+            let point = data
+                .frame
+                .world_from_normalised(rays[k].at(hit.object_distance));
             out.depth[i] = view.camera_from_world.transform_point(point).z as f32;
         }
     }
@@ -97,7 +104,8 @@ fn decontaminated(photo: Vec3, hit: &RenderedRay, alpha: f32) -> Vec3 {
         return hit.object;
     }
     let solved = ((photo - (1.0 - alpha) * hit.background) / alpha).clamp(Vec3::ZERO, Vec3::ONE);
-    hit.object.lerp(solved, ((alpha - 0.3) / 0.6).clamp(0.0, 1.0))
+    hit.object
+        .lerp(solved, ((alpha - 0.3) / 0.6).clamp(0.0, 1.0))
 }
 
 /// Unit normals of the object where rays meet it.
@@ -108,7 +116,9 @@ fn object_normals(scene: &FrozenScene, rays: &[Ray], rendered: &[RenderedRay]) -
         .flat_map(|(ray, hit)| ray.at(hit.object_distance).to_array())
         .collect();
     let geometry = scene.object.geometry(&points);
-    (0..rays.len()).map(|i| geometry.normal(i).normalize_or_zero()).collect()
+    (0..rays.len())
+        .map(|i| geometry.normal(i).normalize_or_zero())
+        .collect()
 }
 
 /// Replaces the matte of edge pixels by the mean over rays spread over the pixel.
@@ -176,7 +186,9 @@ fn grown(pixels: &[u32], width: u32, height: u32, reach: i32) -> Vec<u32> {
             inside[row + first as usize..=row + last as usize].fill(true);
         }
     }
-    (0..width * height).filter(|&i| inside[i as usize]).collect()
+    (0..width * height)
+        .filter(|&i| inside[i as usize])
+        .collect()
 }
 
 /// How much of the plate comes from BaCo: 1 on the object and a pixel around, fading out beyond.
@@ -196,7 +208,8 @@ fn reach_of(alpha: &[f32], width: u32, height: u32) -> Vec<f32> {
                         continue;
                     }
                     let distance = ((dx * dx + dy * dy) as f32).sqrt();
-                    let share = (1.0 - (distance - 1.5) / (PLATE_REACH as f32 - 1.0)).clamp(0.0, 1.0);
+                    let share =
+                        (1.0 - (distance - 1.5) / (PLATE_REACH as f32 - 1.0)).clamp(0.0, 1.0);
                     let value = share * (a / 0.1).min(1.0);
                     let slot = &mut reach[(y * w + x) as usize];
                     *slot = slot.max(value);

@@ -72,8 +72,10 @@ impl BatchMarcher {
         crop: f32,
     ) -> MarchedBatch {
         self.marcher.march(rays, grids, config, &mut self.intervals);
-        self.intervals.samples_into(Field::Object, rays, &mut self.object);
-        self.intervals.samples_into(Field::Background, rays, &mut self.background);
+        self.intervals
+            .samples_into(Field::Object, rays, &mut self.object);
+        self.intervals
+            .samples_into(Field::Background, rays, &mut self.background);
         let mut object = FieldSamples::default();
         for (&ray, &point) in self.object.ray.iter().zip(&self.object.points) {
             object.push(point, rays[ray as usize].direction, ray);
@@ -111,6 +113,10 @@ impl BatchMarcher {
             self.object.interval.clone(),
             kept,
         );
-        MarchedBatch { packing, object, background }
+        MarchedBatch {
+            packing,
+            object,
+            background,
+        }
     }
 }

@@ -76,15 +76,21 @@ impl Trainer {
             .into_record()
             .save(path(SHARPNESS))
             .map_err(|e| failed(&path(SHARPNESS), &e))?;
-        self.optimiser.save(path(OPTIMISER)).map_err(|e| failed(&path(OPTIMISER), &e))?;
+        self.optimiser
+            .save(path(OPTIMISER))
+            .map_err(|e| failed(&path(OPTIMISER), &e))?;
         self.sharpness_optimiser
             .save(path(SHARPNESS_OPTIMISER))
             .map_err(|e| failed(&path(SHARPNESS_OPTIMISER), &e))?;
-        for (name, adam) in MOMENTS.iter().zip([&self.object_adam, &self.background_adam]) {
+        for (name, adam) in MOMENTS
+            .iter()
+            .zip([&self.object_adam, &self.background_adam])
+        {
             write_floats(&path(name), &adam.state())?;
         }
-        for (name, grid) in
-            OCCUPANCY.iter().zip([&self.grids.object, &self.grids.background])
+        for (name, grid) in OCCUPANCY
+            .iter()
+            .zip([&self.grids.object, &self.grids.background])
         {
             write_floats(&path(name), grid.values())?;
         }
@@ -122,8 +128,7 @@ impl Trainer {
         let text = fs::read(path(NUMBERS)).map_err(|e| unusable(path(NUMBERS), &e))?;
         let numbers: Numbers =
             serde_json::from_slice(&text).map_err(|e| unusable(path(NUMBERS), &e))?;
-        let record =
-            ModuleRecord::load(path(FIELDS)).map_err(|e| unusable(path(FIELDS), &e))?;
+        let record = ModuleRecord::load(path(FIELDS)).map_err(|e| unusable(path(FIELDS), &e))?;
         self.scene = self.scene.clone().load_record(record);
         let record =
             ModuleRecord::load(path(SHARPNESS)).map_err(|e| unusable(path(SHARPNESS), &e))?;
@@ -142,11 +147,20 @@ impl Trainer {
             .restore(&read_floats(&path(MOMENTS[0]))?, numbers.object_adam_step)
             .map_err(|e| unusable(path(MOMENTS[0]), &e))?;
         self.background_adam
-            .restore(&read_floats(&path(MOMENTS[1]))?, numbers.background_adam_step)
+            .restore(
+                &read_floats(&path(MOMENTS[1]))?,
+                numbers.background_adam_step,
+            )
             .map_err(|e| unusable(path(MOMENTS[1]), &e))?;
         self.grids
-            .restore(&read_floats(&path(OCCUPANCY[0]))?, &read_floats(&path(OCCUPANCY[1]))?)
-            .map_err(|what| PrepareError::Checkpoint { path: folder.clone(), what })?;
+            .restore(
+                &read_floats(&path(OCCUPANCY[0]))?,
+                &read_floats(&path(OCCUPANCY[1]))?,
+            )
+            .map_err(|what| PrepareError::Checkpoint {
+                path: folder.clone(),
+                what,
+            })?;
         self.step = numbers.step;
         self.rays = numbers.rays;
         self.rate_scale = numbers.rate_scale;
@@ -178,7 +192,10 @@ fn unwritable(path: &Path, error: &dyn std::fmt::Display) -> PrepareError {
 }
 
 fn unusable(path: PathBuf, error: &dyn std::fmt::Display) -> PrepareError {
-    PrepareError::Checkpoint { what: format!("this checkpoint cannot be used ({error})"), path }
+    PrepareError::Checkpoint {
+        what: format!("this checkpoint cannot be used ({error})"),
+        path,
+    }
 }
 
 fn write_floats(path: &Path, values: &[f32]) -> Result<(), PrepareError> {

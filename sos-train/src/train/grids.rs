@@ -34,7 +34,7 @@ impl FieldGrids {
     /// centre, reaches `hull_threshold`.
     #[must_use]
     pub fn new(resolution: u32, map: &ProbabilityMap, hull_threshold: f32) -> Self {
-        let mut object = OccupancyGrid::new(resolution, 1.0).with_decay(0.8);
+        let mut object = OccupancyGrid::new(resolution, 1.0).with_decay(0.6);
         let half = 0.5 * object.cell_size();
         let allowed: Vec<u32> = (0..object.cell_count() as u32)
             .filter(|&cell| {
@@ -54,10 +54,14 @@ impl FieldGrids {
             .collect();
         object.update(&allowed, &vec![1.0; allowed.len()]);
         object.rebuild_bits(0.5);
-        let mut background = OccupancyGrid::new(resolution, BACKGROUND_HALF_SIDE).with_decay(0.9);
+        let mut background = OccupancyGrid::new(resolution, BACKGROUND_HALF_SIDE).with_decay(0.6);
         background.set_all(1.0);
         background.rebuild_bits(0.5);
-        Self { object, background, allowed }
+        Self {
+            object,
+            background,
+            allowed,
+        }
     }
 
     /// Share of the object's allowed cells that are occupied.
@@ -71,7 +75,10 @@ impl FieldGrids {
     /// # Errors
     /// When their number is not that of the cells.
     pub fn restore(&mut self, object: &[f32], background: &[f32]) -> Result<(), String> {
-        for (grid, values) in [(&mut self.object, object), (&mut self.background, background)] {
+        for (grid, values) in [
+            (&mut self.object, object),
+            (&mut self.background, background),
+        ] {
             if values.len() != grid.cell_count() {
                 return Err(format!(
                     "its occupancy has {} cells, not {}",
@@ -90,8 +97,12 @@ impl FieldGrids {
     /// Asks the object about a quarter of its allowed cells.
     pub fn update_object(&mut self, field: &FrozenSurface, rule: GridRule, seed: u64, step: u32) {
         let mut random = step_random(seed ^ 0x00b1_ec75, step);
-        let cells: Vec<u32> =
-            self.allowed.iter().copied().filter(|_| random.random::<f32>() < 0.25).collect();
+        let cells: Vec<u32> = self
+            .allowed
+            .iter()
+            .copied()
+            .filter(|_| random.random::<f32>() < 0.25)
+            .collect();
         let grid = &mut self.object;
         update(grid, &cells, field, rule, u64::from(step) ^ seed);
         grid.rebuild_bits(0.5);
@@ -109,7 +120,11 @@ impl FieldGrids {
         let grid = &mut self.background;
         let cells: Vec<u32> = (0..grid.cell_count() as u32)
             .filter(|&cell| {
-                let share = if grid.cell_occupied(cell) { 0.25 } else { 1.0 / 32.0 };
+                let share = if grid.cell_occupied(cell) {
+                    0.25
+                } else {
+                    1.0 / 32.0
+                };
                 random.random::<f32>() < share
             })
             .collect();

@@ -25,6 +25,11 @@ use step::{StepContext, StepLosses};
 
 pub use run::run;
 
+/// Steps inside the box that the background alone is marched at once.
+pub(crate) const BACKGROUND_STRIDE: u32 = 4;
+/// How far `s` may stay below its cap: b by a factor of 2.
+const SHARPNESS_SLACK: f32 = 0.07;
+
 /// A run in progress.
 pub struct Trainer {
     context: StepContext,
@@ -97,8 +102,16 @@ impl Trainer {
     /// `b` of FoCoR and BaCo.
     #[must_use]
     pub fn sharpness(&self) -> [f32; 2] {
-        let b = self.sharpness.b().into_data().try_to_vec::<f32>().unwrap_or_default();
-        [b.first().copied().unwrap_or(0.0), b.get(1).copied().unwrap_or(0.0)]
+        let b = self
+            .sharpness
+            .b()
+            .into_data()
+            .try_to_vec::<f32>()
+            .unwrap_or_default();
+        [
+            b.first().copied().unwrap_or(0.0),
+            b.get(1).copied().unwrap_or(0.0),
+        ]
     }
 
     /// How rays are marched in training at `step`.
@@ -106,6 +119,7 @@ impl Trainer {
         let sampling = &self.context.config.sampling;
         MarchConfig {
             step_object: 2.0 / sampling.object_steps as f32,
+            background_stride: BACKGROUND_STRIDE,
             background_samples: sampling.background_samples,
             jitter: Jitter::Seeded(self.context.config.seed ^ (u64::from(self.step) << 20)),
             ..MarchConfig::default()
@@ -127,7 +141,9 @@ impl Trainer {
             background: Some(&self.grids.background),
         };
         let crop = config.prepare.crop_threshold;
-        let marched = self.marcher.march(&batch.rays, grids, &march, &data.map, crop);
+        let marched = self
+            .marcher
+            .march(&batch.rays, grids, &march, &data.map, crop);
         let mut report = StepReport {
             rays: batch.rays.len(),
             object_samples: marched.object.len(),
@@ -182,11 +198,19 @@ impl Trainer {
         let b = rate(config.schedule.sharpness_learning_rate);
         let table = rate(config.schedule.learning_rate);
         self.scene = self.optimiser.step(mlp, self.scene.clone(), fields);
-        self.sharpness = self.sharpness_optimiser.step(b, self.sharpness.clone(), sharpness);
-        let finest = self.context.object_layout.levels.last().map_or(512, |l| l.resolution);
+        self.sharpness = self
+            .sharpness_optimiser
+            .step(b, self.sharpness.clone(), sharpness);
+        let finest = self
+            .context
+            .object_layout
+            .levels
+            .last()
+            .map_or(512, |l| l.resolution);
         // Phi_b falls from 0.95 to 0.05 over 6 / b: one cell of the finest level, 2 / resolution.
         let cap = schedule::sharpness_cap(config, self.step, 3.0 * finest as f32);
-        self.sharpness.limit(cap);
+        // Nor may it fall far behind, which is fog: the background seen through the object.
+        self.sharpness.limit(cap - SHARPNESS_SLACK, cap);
         self.object_adam.step_grid(
             &mut self.scene.object.grid,
             &self.context.object_gradient,
@@ -210,13 +234,21 @@ impl Trainer {
     /// FoCoR without gradients, at the current number of levels.
     #[must_use]
     pub fn freeze_object(&self, active_levels: usize) -> FrozenSurface {
-        FrozenSurface::new(&self.scene.object, &self.context.object_layout, active_levels)
+        FrozenSurface::new(
+            &self.scene.object,
+            &self.context.object_layout,
+            active_levels,
+        )
     }
 
     /// BaCo without gradients, at the current number of levels.
     #[must_use]
     pub fn freeze_background(&self, active_levels: usize) -> FrozenSurface {
-        FrozenSurface::new(&self.scene.background, &self.context.background_layout, active_levels)
+        FrozenSurface::new(
+            &self.scene.background,
+            &self.context.background_layout,
+            active_levels,
+        )
     }
 
     fn update_grids(&mut self, active_levels: usize) {
@@ -228,19 +260,29 @@ impl Trainer {
         }
         let [b_object, b_background] = self.sharpness();
         let object = self.freeze_object(active_levels);
-        let rule = GridRule { transparency: Transparency::Sdf, sharpness: b_object };
-        self.grids.update_object(&object, rule, config.seed, self.step);
+        let rule = GridRule {
+            transparency: Transparency::Sdf,
+            sharpness: b_object,
+        };
+        self.grids
+            .update_object(&object, rule, config.seed, self.step);
         drop(object);
         let background = self.freeze_background(active_levels);
-        let rule =
-            GridRule { transparency: config.model.background, sharpness: b_background };
-        self.grids.update_background(&background, rule, config.seed, self.step);
+        let rule = GridRule {
+            transparency: config.model.background,
+            sharpness: b_background,
+        };
+        self.grids
+            .update_background(&background, rule, config.seed, self.step);
     }
 }
 
 /// Optimisers as the method has them: Adam with an epsilon that suits hash tables.
 fn adam() -> ModuleOptimizer {
-    AdamConfig::new().with_beta_2(0.99).with_epsilon(1e-15).init()
+    AdamConfig::new()
+        .with_beta_2(0.99)
+        .with_epsilon(1e-15)
+        .init()
 }
 
 /// The accumulators shared between the ops and the optimisers.

@@ -38,7 +38,12 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     let started = Instant::now();
     let progress = Progress::new(job.quiet, job.config.steps);
     let mut log = None;
-    for note in job.scene.notes.iter().chain(job.masks.iter().flat_map(|m| &m.notes)) {
+    for note in job
+        .scene
+        .notes
+        .iter()
+        .chain(job.masks.iter().flat_map(|m| &m.notes))
+    {
         progress.note(note);
     }
     if let Some(masks) = &job.masks {
@@ -66,7 +71,14 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         }
     };
 
-    let outcome = train(job, &mut trainer, &data, &mut log, &progress, earlier_seconds)?;
+    let outcome = train(
+        job,
+        &mut trainer,
+        &data,
+        &mut log,
+        &progress,
+        earlier_seconds,
+    )?;
     if outcome != TrainOutcome::Finished {
         return Ok(outcome);
     }
@@ -76,7 +88,10 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     log.event(
         trainer.step_number(),
         "end",
-        [("seconds", total.into()), ("training_seconds", trained.into())],
+        [
+            ("seconds", total.into()),
+            ("training_seconds", trained.into()),
+        ],
     )?;
     Ok(TrainOutcome::Finished)
 }
@@ -198,7 +213,10 @@ struct Probes {
 impl Probes {
     fn new(data: &Prepared, config: &TrainConfig) -> Self {
         let sampler = Sampler::new(data, config.seed ^ 0x0070_0be5, 1.0);
-        Self { rays: sampler.draw(data, 0, PROBES).rays, mattes: Vec::new() }
+        Self {
+            rays: sampler.draw(data, 0, PROBES).rays,
+            mattes: Vec::new(),
+        }
     }
 
     /// Mean change of the mattes since the last call.
@@ -206,7 +224,11 @@ impl Probes {
         let scene: FrozenScene = trainer.freeze(data);
         let mattes: Vec<f32> = scene.render(&self.rays).iter().map(|r| r.matte).collect();
         let change = if self.mattes.len() == mattes.len() {
-            let sum: f32 = mattes.iter().zip(&self.mattes).map(|(a, b)| (a - b).abs()).sum();
+            let sum: f32 = mattes
+                .iter()
+                .zip(&self.mattes)
+                .map(|(a, b)| (a - b).abs())
+                .sum();
             sum / mattes.len().max(1) as f32
         } else {
             1.0

@@ -26,7 +26,13 @@ pub struct Sampler {
     poses: Vec<Affine3A>,
     /// Views in which the object can be seen.
     with_object: Vec<usize>,
+    /// Per view the rectangle `[x0, y0, x1, y1]` of what surrounds the object.
+    surroundings: Vec<[u32; 4]>,
 }
+
+/// Of the rays that are not drawn where the object can be, how many fall into its surroundings:
+/// what lies there is what plates show behind the object.
+const NEARBY_SHARE: f32 = 0.6;
 
 impl Sampler {
     /// For the views of `scene`; `object_share` of the rays go where the object can be.
@@ -35,9 +41,16 @@ impl Sampler {
         Self {
             seed,
             object_share,
-            poses: scene.views.iter().map(|v| v.world_from_camera(&scene.frame)).collect(),
+            poses: scene
+                .views
+                .iter()
+                .map(|v| v.world_from_camera(&scene.frame))
+                .collect(),
             with_object: (0..scene.views.len())
                 .filter(|&i| !scene.outlines[i].candidates.is_empty())
+                .collect(),
+            surroundings: (0..scene.views.len())
+                .map(|i| surroundings(scene, i))
                 .collect(),
         }
     }
@@ -51,7 +64,9 @@ impl Sampler {
             let (view, x, y) = self.pixel(scene, &mut random);
             let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
             // A pixel that a lens can't unproject (its far corner, say) teaches nothing.
-            let Some(ray) = scene.views[view].ray(&self.poses[view], pixel) else { continue };
+            let Some(ray) = scene.views[view].ray(&self.poses[view], pixel) else {
+                continue;
+            };
             let colour = scene.views[view].photo.get_pixel(x, y).0;
             batch.rays.push(ray);
             batch.colours.extend(colour.map(|c| f32::from(c) / 255.0));
@@ -70,8 +85,41 @@ impl Sampler {
         }
         let view = random.random_range(0..scene.views.len());
         let photo = &scene.views[view].photo;
-        (view, random.random_range(0..photo.width()), random.random_range(0..photo.height()))
+        if random.random::<f32>() < NEARBY_SHARE {
+            let [x0, y0, x1, y1] = self.surroundings[view];
+            return (
+                view,
+                random.random_range(x0..x1),
+                random.random_range(y0..y1),
+            );
+        }
+        (
+            view,
+            random.random_range(0..photo.width()),
+            random.random_range(0..photo.height()),
+        )
     }
+}
+
+/// The candidates' bounding rectangle, grown by half its size on every side.
+fn surroundings(scene: &Prepared, view: usize) -> [u32; 4] {
+    let (width, height) = (scene.views[view].width(), scene.views[view].height());
+    let candidates = &scene.outlines[view].candidates;
+    let columns = candidates.iter().map(|i| i % width);
+    let (Some(x0), Some(x1)) = (columns.clone().min(), columns.max()) else {
+        return [0, 0, width, height];
+    };
+    let (y0, y1) = match (candidates.first(), candidates.last()) {
+        (Some(first), Some(last)) => (first / width, last / width),
+        _ => (0, height - 1),
+    };
+    let (grow_x, grow_y) = ((x1 - x0) / 2 + 8, (y1 - y0) / 2 + 8);
+    [
+        x0.saturating_sub(grow_x),
+        y0.saturating_sub(grow_y),
+        (x1 + grow_x + 1).min(width),
+        (y1 + grow_y + 1).min(height),
+    ]
 }
 
 /// Random numbers of one step: a stream of its own, so that a run resumes without stored state.

@@ -12,8 +12,8 @@ use super::sampler::Sampler;
 use super::step::StepContext;
 use super::{Trainer, adam, gradient_sinks};
 use crate::config::{Interpolation, TrainConfig, Transparency};
-use crate::prepare::error::PrepareError;
 use crate::prepare::Prepared;
+use crate::prepare::error::PrepareError;
 
 /// Growth from level to level when their number is left to us.
 const GROWTH: f32 = 1.5;
@@ -82,7 +82,7 @@ pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
         background_initial: match model.background {
             // Wide enough that cameras start in free space.
             Transparency::Sdf => InitialShape::Hollow(1.8),
-            Transparency::Density => InitialShape::Flat(1.0),
+            Transparency::Density => InitialShape::Flat(2.0),
         },
         sharpness_start: config.schedule.sharpness_start,
     }

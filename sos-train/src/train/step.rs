@@ -5,9 +5,7 @@ use std::sync::Arc;
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 use hashgrid::{GridLayout, SparseGrad};
-use losses::{
-    ColourLoss, SparsityForm, background_loss, eikonal_loss, mask_loss, sparsity_loss,
-};
+use losses::{ColourLoss, SparsityForm, background_loss, eikonal_loss, mask_loss, sparsity_loss};
 use neus_render::composite::{self, CompositeConfig, column, composite};
 use scene_decomp::{Scene, Sharpness, SurfaceSamples};
 
@@ -135,9 +133,8 @@ pub fn loss(
             ..CompositeConfig::default()
         },
     );
-    let columns = |first: usize, count: usize| {
-        rendered.clone().slice([0..n_rays, first..first + count])
-    };
+    let columns =
+        |first: usize, count: usize| rendered.clone().slice([0..n_rays, first..first + count]);
     let photo = constant(&batch.colours, 3, device);
     let joint = columns(column::JOINT_COLOUR, 3);
     let alone = columns(column::BACKGROUND_COLOUR, 3);
@@ -149,7 +146,9 @@ pub fn loss(
     let kind = match weights.colour {
         config::ColourLoss::L2 => ColourLoss::L2,
         config::ColourLoss::L1 => ColourLoss::L1,
-        config::ColourLoss::Huber => ColourLoss::Huber { delta: weights.huber_delta },
+        config::ColourLoss::Huber => ColourLoss::Huber {
+            delta: weights.huber_delta,
+        },
     };
     let mut total = kind.loss(joint, photo.clone(), None);
     losses.colour = scalar(&total);
@@ -160,7 +159,10 @@ pub fn loss(
         }
     };
 
-    let outside = batch.labels.iter().map(|l| f32::from(u8::from(*l == Label::Background)));
+    let outside = batch
+        .labels
+        .iter()
+        .map(|l| f32::from(u8::from(*l == Label::Background)));
     let part = background_loss(kind, alone, photo, list(outside.collect(), device));
     add(part, weights.background, &mut losses.background);
     if schedule.mask_weight > 0.0 {
@@ -168,12 +170,20 @@ pub fn loss(
         // The visible share, not the object's own opacity: what stands before it hides it. The
         // offset keeps a gradient where the matte is 1 and should be 0.
         let hidden = matte.clone().neg().add_scalar(1.001).log();
-        let part =
-            mask_loss(matte, hidden, list(targets, device), Some(list(trust, device)));
+        let part = mask_loss(
+            matte,
+            hidden,
+            list(targets, device),
+            Some(list(trust, device)),
+        );
         add(part, schedule.mask_weight, &mut losses.mask);
     }
     if let Some(samples) = &object_samples {
-        add(eikonal_loss(samples.normal(), None), weights.eikonal, &mut losses.eikonal);
+        add(
+            eikonal_loss(samples.normal(), None),
+            weights.eikonal,
+            &mut losses.eikonal,
+        );
         let m = samples.sdf().dims()[0];
         let sdf = samples.sdf().reshape([m]);
         let part = sparsity_loss(sdf, weights.sparsity_tau, SparsityForm::Plain, None);
@@ -210,7 +220,10 @@ fn object_columns(
 ) -> (Option<SurfaceSamples>, Tensor<2>) {
     let device = &context.device;
     if at.is_empty() {
-        return (None, Tensor::zeros([0, composite::object_column::COUNT], device));
+        return (
+            None,
+            Tensor::zeros([0, composite::object_column::COUNT], device),
+        );
     }
     let m = at.len();
     let directions = constant(&at.directions, 3, device);
@@ -230,7 +243,12 @@ fn object_columns(
         AlphaSource::Head | AlphaSource::Both => colour.clone().slice([0..m, 3..4]),
     };
     let columns = Tensor::cat(
-        vec![samples.sdf(), slope(&samples, &directions), colour.slice([0..m, 0..3]), matte],
+        vec![
+            samples.sdf(),
+            slope(&samples, &directions),
+            colour.slice([0..m, 0..3]),
+            matte,
+        ],
         1,
     );
     (Some(samples), columns)
@@ -245,7 +263,10 @@ fn background_columns(
 ) -> (Option<SurfaceSamples>, Tensor<2>) {
     let device = &context.device;
     if at.is_empty() {
-        return (None, Tensor::zeros([0, composite::background_column::COUNT], device));
+        return (
+            None,
+            Tensor::zeros([0, composite::background_column::COUNT], device),
+        );
     }
     let directions = constant(&at.directions, 3, device);
     let samples = scene.background.sample(
@@ -262,7 +283,9 @@ fn background_columns(
         Transparency::Sdf => samples.sdf(),
         Transparency::Density => samples.sdf().neg().clamp(-15.0, 12.0).exp(),
     };
-    let columns =
-        Tensor::cat(vec![first, slope(&samples, &directions), samples.colour.clone()], 1);
+    let columns = Tensor::cat(
+        vec![first, slope(&samples, &directions), samples.colour.clone()],
+        1,
+    );
     (Some(samples), columns)
 }

@@ -7,6 +7,7 @@ use tensor_slices::Scratch;
 
 use super::forward::{Saved, Working, saved_rows};
 use super::weights::Weights;
+use crate::sdf_field::Normal;
 use crate::sdf_field::backward::DenseTable;
 use crate::tile::partials::LayerPartials;
 use crate::tile::transpose::rows_to_tile_padded;
@@ -35,7 +36,7 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> 
     let weights = &saved.weights;
     let columns = weights.columns();
     let tiles = saved.points.div_ceil(POINTS);
-    let saved_len = saved_rows(weights) * POINTS;
+    let saved_len = saved_rows(weights, saved.config.normal) * POINTS;
     let scatter_len = scatter_rows(weights) * POINTS;
     let mut scatter = Scratch::new(tiles * scatter_len);
 
@@ -68,8 +69,12 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> 
         b2: vec![0.0; weights.outputs],
     };
     for (partials, lanes) in &jobs {
-        partials.first.reduce_into(*lanes, &mut w1, &mut gradients.b1);
-        partials.second.reduce_into(*lanes, &mut gradients.w2, &mut gradients.b2);
+        partials
+            .first
+            .reduce_into(*lanes, &mut w1, &mut gradients.b1);
+        partials
+            .second
+            .reduce_into(*lanes, &mut gradients.w2, &mut gradients.b2);
         for (sum, partial) in gradients.w2.iter_mut().zip(&partials.sdf_row) {
             *sum += partial;
         }
@@ -87,7 +92,13 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> 
 }
 
 /// One level's share of the table gradient: every tile's points in order, so without atomics.
-fn scatter_one(saved: &Saved, scatter: &[f32], level: usize, grad: &mut [f32]) {
+fn scatter_one(
+    saved: &Saved,
+    scatter: &[f32],
+    level: usize,
+    grad: &mut [f32],
+    mut touched: Option<&mut [u8]>,
+) {
     let layout: &GridLayout = &saved.config.layout;
     let features = saved.weights.inputs - 3;
     for (t, tile) in scatter
@@ -96,27 +107,36 @@ fn scatter_one(saved: &Saved, scatter: &[f32], level: usize, grad: &mut [f32]) {
     {
         let count = POINTS.min(saved.points - t * POINTS);
         let row = |r: usize| &tile[r * POINTS..r * POINTS + count];
-        grid::scatter_level(
-            layout,
-            level,
-            row(0),
-            row(1),
-            row(2),
-            [row(6 + 2 * level), row(7 + 2 * level)],
-            Some((
+        let d_value = [row(6 + 2 * level), row(7 + 2 * level)];
+        let normal_part = (saved.config.normal == Normal::Computed).then(|| {
+            (
                 [row(6 + features + 2 * level), row(7 + features + 2 * level)],
                 [row(3), row(4), row(5)],
-            )),
-            grad,
-        );
+            )
+        });
+        let (x, y, z) = (row(0), row(1), row(2));
+        match touched.as_deref_mut() {
+            Some(touched) => grid::scatter_level_marked(
+                layout,
+                level,
+                x,
+                y,
+                z,
+                d_value,
+                normal_part,
+                grad,
+                touched,
+            ),
+            None => grid::scatter_level(layout, level, x, y, z, d_value, normal_part, grad),
+        }
     }
 }
 
 fn scatter_table(saved: &Saved, scatter: &[f32], dense: DenseTable) -> Option<Vec<f32>> {
     let active = saved.config.active_levels;
     if let Some(sparse) = &saved.config.sparse {
-        sparse.accumulate_levels(&saved.config.layout, active, |level, grad| {
-            scatter_one(saved, scatter, level, grad);
+        sparse.accumulate_levels_marked(&saved.config.layout, active, |level, grad, touched| {
+            scatter_one(saved, scatter, level, grad, Some(touched));
         });
         return None;
     }
@@ -134,7 +154,7 @@ fn scatter_table(saved: &Saved, scatter: &[f32], dense: DenseTable) -> Option<Ve
     slices
         .into_par_iter()
         .enumerate()
-        .for_each(|(level, grad)| scatter_one(saved, scatter, level, grad));
+        .for_each(|(level, grad)| scatter_one(saved, scatter, level, grad, None));
     Some(table)
 }
 
@@ -193,10 +213,24 @@ impl WithSimd for BackwardJob<'_> {
         let tiles = self
             .grad
             .chunks(weights.columns() * POINTS)
-            .zip(self.saved_tiles.chunks_exact(saved_rows(weights) * POINTS))
-            .zip(self.scatter.chunks_exact_mut(scatter_rows(weights) * POINTS));
+            .zip(
+                self.saved_tiles
+                    .chunks_exact(saved_rows(weights, self.saved.config.normal) * POINTS),
+            )
+            .zip(
+                self.scatter
+                    .chunks_exact_mut(scatter_rows(weights) * POINTS),
+            );
         for ((grad, tile), scatter) in tiles {
-            backward_tile(simd, self.saved, grad, tile, scatter, self.partials, self.working);
+            backward_tile(
+                simd,
+                self.saved,
+                grad,
+                tile,
+                scatter,
+                self.partials,
+                self.working,
+            );
         }
         S::F32_LANES
     }
@@ -226,7 +260,13 @@ fn backward_tile<S: Simd>(
     let scale = 0.5 / saved.config.half_side;
     let (unit, rest) = tile.split_at(3 * POINTS);
     let (input, jacobian) = rest.split_at(weights.inputs * POINTS);
-    let BackwardWorking { forward, grad: grad_tile, dg, du, dz } = working;
+    let BackwardWorking {
+        forward,
+        grad: grad_tile,
+        dg,
+        du,
+        dz,
+    } = working;
     rows_to_tile_padded(grad, weights.columns(), grad_tile);
     forward.hidden(simd, weights, beta, input);
     let (d_out, d_normal) = grad_tile.split_at(weights.outputs * POINTS);
@@ -234,29 +274,47 @@ fn backward_tile<S: Simd>(
     scatter[..3 * POINTS].copy_from_slice(unit);
     let (head, tail) = scatter.split_at_mut(6 * POINTS);
     let dn_unit = &mut head[3 * POINTS..];
-    for (unit, dn) in dn_unit.iter_mut().zip(d_normal) {
-        *unit = scale * dn;
-    }
     let (d_h, g_h) = tail.split_at_mut(features * POINTS);
-    g_h.copy_from_slice(&forward.g[3 * POINTS..]);
-
-    dg[..3 * POINTS].copy_from_slice(d_normal);
-    for (k, dg) in dg[3 * POINTS..].chunks_exact_mut(POINTS).enumerate() {
-        let j = &jacobian[3 * k * POINTS..3 * (k + 1) * POINTS];
-        for p in 0..POINTS {
-            dg[p] = j[p] * dn_unit[p]
-                + j[POINTS + p] * dn_unit[POINTS + p]
-                + j[2 * POINTS + p] * dn_unit[2 * POINTS + p];
+    if saved.config.normal == Normal::Computed {
+        Working::slope_of_input(
+            simd,
+            weights,
+            &forward.slope,
+            &mut forward.u,
+            &mut forward.g,
+        );
+        g_h.copy_from_slice(&forward.g[3 * POINTS..]);
+        for (unit, dn) in dn_unit.iter_mut().zip(d_normal) {
+            *unit = scale * dn;
         }
+        dg[..3 * POINTS].copy_from_slice(d_normal);
+        for (k, dg) in dg[3 * POINTS..].chunks_exact_mut(POINTS).enumerate() {
+            let j = &jacobian[3 * k * POINTS..3 * (k + 1) * POINTS];
+            for p in 0..POINTS {
+                dg[p] = j[p] * dn_unit[p]
+                    + j[POINTS + p] * dn_unit[POINTS + p]
+                    + j[2 * POINTS + p] * dn_unit[2 * POINTS + p];
+            }
+        }
+        layer::forward(simd, &weights.w1, None, dg, du);
+        layer::outer(simd, &forward.u, dg, &mut partials.first.weight);
     }
-    layer::forward(simd, &weights.w1, None, dg, du);
-    layer::outer(simd, &forward.u, dg, &mut partials.first.weight);
 
     layer::forward(simd, &weights.w2_transposed, None, d_out, dz);
     for j in 0..weights.hidden {
         let w = weights.w2[j];
         let rows = j * POINTS..(j + 1) * POINTS;
-        let (slope, du, dz) = (&forward.slope[rows.clone()], &du[rows.clone()], &mut dz[rows]);
+        let (slope, du, dz) = (
+            &forward.slope[rows.clone()],
+            &du[rows.clone()],
+            &mut dz[rows],
+        );
+        if saved.config.normal == Normal::Zero {
+            for (dz, slope) in dz.iter_mut().zip(slope) {
+                *dz *= slope;
+            }
+            continue;
+        }
         let mut sum = [0.0f32; 16];
         for block in (0..POINTS).step_by(16) {
             for (lane, sum) in sum.iter_mut().enumerate() {
@@ -271,5 +329,11 @@ fn backward_tile<S: Simd>(
     partials.second.add_bias(d_out);
     layer::outer(simd, dz, input, &mut partials.first.weight);
     partials.first.add_bias(dz);
-    layer::forward(simd, &weights.w1_transposed[3 * weights.hidden..], None, dz, d_h);
+    layer::forward(
+        simd,
+        &weights.w1_transposed[3 * weights.hidden..],
+        None,
+        dz,
+        d_h,
+    );
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use tensor_slices::Scratch;
 
 use super::weights::Weights;
-use crate::sdf_field::SdfFieldConfig;
+use crate::sdf_field::{Normal, SdfFieldConfig};
 use crate::tile::transpose::{rows_to_tile, tile_to_rows};
 use crate::tile::{POINTS, activation, layer};
 
@@ -30,8 +30,12 @@ pub struct Saved {
 }
 
 /// Rows of one tile in [`Saved`].
-pub(super) fn saved_rows(weights: &Weights) -> usize {
-    3 + weights.inputs + 3 * (weights.inputs - 3)
+pub(super) fn saved_rows(weights: &Weights, normal: Normal) -> usize {
+    let jacobian = match normal {
+        Normal::Computed => 3 * (weights.inputs - 3),
+        Normal::Zero => 0,
+    };
+    3 + weights.inputs + jacobian
 }
 
 /// Sdf, feature and normal of `points [n, 3]`: `[n, 1 + G + 3]`.
@@ -47,7 +51,7 @@ pub(crate) fn forward(
     let layout = &config.active_layout();
     let table = &table[..2 * layout.entries()];
     let mut out = vec![0.0; n * weights.columns()];
-    let tile_len = saved_rows(&weights) * POINTS;
+    let tile_len = saved_rows(&weights, config.normal) * POINTS;
     match keep {
         Keep::Nothing => {
             let columns = weights.columns();
@@ -138,22 +142,50 @@ impl Working {
         }
     }
 
-    /// From the tile's input to `a`, `slope`, `u = w2 * slope` and `g = W1^T u`.
+    /// From the tile's input to `a` and `slope`.
     #[inline(always)]
     pub(super) fn hidden<S: Simd>(&mut self, simd: S, weights: &Weights, beta: f32, input: &[f32]) {
         layer::forward(simd, &weights.w1, Some(&weights.b1), input, &mut self.z);
         activation::softplus(beta, &self.z, &mut self.a, &mut self.slope);
-        for ((u, slope), &w) in self
-            .u
+    }
+
+    /// `u = w2 * slope` and `g = W1^T u`, the sdf's derivative by the input.
+    #[inline(always)]
+    pub(super) fn slope_of_input<S: Simd>(
+        simd: S,
+        weights: &Weights,
+        slope: &[f32],
+        u: &mut [f32],
+        g: &mut [f32],
+    ) {
+        for ((u, slope), &w) in u
             .chunks_exact_mut(POINTS)
-            .zip(self.slope.chunks_exact(POINTS))
+            .zip(slope.chunks_exact(POINTS))
             .zip(&weights.w2)
         {
             for (u, slope) in u.iter_mut().zip(slope) {
                 *u = w * slope;
             }
         }
-        layer::forward(simd, &weights.w1_transposed, None, &self.u, &mut self.g);
+        layer::forward(simd, &weights.w1_transposed, None, u, g);
+    }
+}
+
+/// `n = g_p + J^T g_h` for the tile; `scale` is that of the grid's unit to the points' own.
+#[inline(always)]
+fn normal_of_tile(g: &[f32], jacobian: &[f32], scale: f32, normal: &mut [f32]) {
+    for (axis, n) in normal.chunks_exact_mut(POINTS).enumerate() {
+        n.fill(0.0);
+        for (k, g) in g[3 * POINTS..].chunks_exact(POINTS).enumerate() {
+            let j = &jacobian[(3 * k + axis) * POINTS..(3 * k + axis + 1) * POINTS];
+            for ((n, g), j) in n.iter_mut().zip(g).zip(j) {
+                *n += g * j;
+            }
+        }
+        let direct = &g[axis * POINTS..(axis + 1) * POINTS];
+        for (n, g) in n.iter_mut().zip(direct) {
+            *n = g + scale * *n;
+        }
     }
 }
 
@@ -173,7 +205,12 @@ impl WithSimd for ForwardTile<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { weights, config, working, .. } = self;
+        let Self {
+            weights,
+            config,
+            working,
+            ..
+        } = self;
         let (unit, rest) = self.tile.split_at_mut(3 * POINTS);
         let (input, jacobian) = rest.split_at_mut(weights.inputs * POINTS);
         rows_to_tile(self.points, 3, &mut input[..3 * POINTS]);
@@ -181,23 +218,29 @@ impl WithSimd for ForwardTile<'_> {
         for (unit, p) in unit.iter_mut().zip(&input[..3 * POINTS]) {
             *unit = p * scale + 0.5;
         }
-        encode(self.layout, self.table, unit, &mut input[3 * POINTS..], jacobian);
+        let wanted = (config.normal == Normal::Computed).then_some(&mut *jacobian);
+        encode(
+            self.layout,
+            self.table,
+            unit,
+            &mut input[3 * POINTS..],
+            wanted,
+        );
         working.hidden(simd, weights, config.beta, input);
 
         let (values, normal) = working.out.split_at_mut(weights.outputs * POINTS);
         layer::forward(simd, &weights.w2, Some(&weights.b2), &working.a, values);
-        for (axis, n) in normal.chunks_exact_mut(POINTS).enumerate() {
-            n.fill(0.0);
-            for (k, g) in working.g[3 * POINTS..].chunks_exact(POINTS).enumerate() {
-                let j = &jacobian[(3 * k + axis) * POINTS..(3 * k + axis + 1) * POINTS];
-                for ((n, g), j) in n.iter_mut().zip(g).zip(j) {
-                    *n += g * j;
-                }
-            }
-            let direct = &working.g[axis * POINTS..(axis + 1) * POINTS];
-            for (n, g) in n.iter_mut().zip(direct) {
-                *n = g + scale * *n;
-            }
+        if config.normal == Normal::Zero {
+            normal.fill(0.0);
+        } else {
+            Working::slope_of_input(
+                simd,
+                weights,
+                &working.slope,
+                &mut working.u,
+                &mut working.g,
+            );
+            normal_of_tile(&working.g, jacobian, scale, normal);
         }
         tile_to_rows(&working.out, weights.columns(), self.out);
     }
@@ -210,9 +253,18 @@ fn encode(
     table: &[f32],
     unit: &[f32],
     values: &mut [f32],
-    jacobian: &mut [f32],
+    jacobian: Option<&mut [f32]>,
 ) {
     let (x, yz) = unit.split_at(POINTS);
     let (y, z) = yz.split_at(POINTS);
-    grid::encode_tile(layout, layout.levels.len(), table, x, y, z, values, Some(jacobian));
+    grid::encode_tile(
+        layout,
+        layout.levels.len(),
+        table,
+        x,
+        y,
+        z,
+        values,
+        jacobian,
+    );
 }
