@@ -95,7 +95,8 @@ impl ProbabilityMap {
     /// m^P at `point`.
     #[must_use]
     pub fn at(&self, point: Vec3) -> f32 {
-        if !(point.abs().max_element() <= 1.0) {
+        // NaN is outside too.
+        if point.is_nan() || point.abs().max_element() > 1.0 {
             return 0.0;
         }
         let last = self.resolution as f32 - 1.0;

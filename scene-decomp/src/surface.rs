@@ -211,4 +211,45 @@ impl Surface {
         );
         SurfaceSamples { geometry, colour }
     }
+
+    /// [`Surface::sample`] without gradients: the inputs and results are on the inner device.
+    #[must_use]
+    pub fn sample_constant(
+        &self,
+        points: Tensor<2>,
+        directions: Tensor<2>,
+        extra: Tensor<2>,
+        config: SdfFieldConfig,
+    ) -> SurfaceSamples {
+        let s = self.sdf_weights();
+        let geometry = sdf_field(
+            points.clone(),
+            SdfFieldWeights {
+                table: s.table.inner(),
+                w1: s.w1.inner(),
+                b1: s.b1.inner(),
+                w2: s.w2.inner(),
+                b2: s.b2.inner(),
+            },
+            config,
+        );
+        let c = self.colour_weights();
+        let colour = colour_field(
+            ColourFieldInputs {
+                geometry: geometry.clone(),
+                points,
+                directions,
+                extra,
+            },
+            ColourFieldWeights {
+                w1: c.w1.inner(),
+                b1: c.b1.inner(),
+                w2: c.w2.inner(),
+                b2: c.b2.inner(),
+                w3: c.w3.inner(),
+                b3: c.b3.inner(),
+            },
+        );
+        SurfaceSamples { geometry, colour }
+    }
 }

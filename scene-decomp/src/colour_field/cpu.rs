@@ -168,7 +168,7 @@ pub(crate) fn forward(
         return (out, None);
     }
     let mut tiles = Scratch::new(n.div_ceil(POINTS) * tile_len);
-    if n % POINTS != 0 {
+    if !n.is_multiple_of(POINTS) {
         // The lanes past the last point enter sums with a zero weight, and must be finite.
         let last = tiles.len() - tile_len;
         tiles[last..].fill(0.0);

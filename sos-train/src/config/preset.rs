@@ -67,11 +67,11 @@ fn default() -> TrainConfig {
             mask: 0.1,
             mask_hold: 0.15,
             mask_end: 0.35,
-            mask_floor: 0.1,
+            mask_floor: 0.03,
             ignore_band: 0.03,
             points: 0.0,
             background: 1.0,
-            background_gate: 0.0,
+            background_gate: 1.0,
         },
         schedule: ScheduleConfig {
             learning_rate: 0.01,
@@ -96,7 +96,7 @@ fn default() -> TrainConfig {
         prepare: PrepareConfig {
             hull_threshold: 0.25,
             object_threshold: 0.6,
-            crop_threshold: 0.85,
+            crop_threshold: 0.75,
             box_margin: 0.15,
         },
         export: ExportConfig {

@@ -115,7 +115,8 @@ pub struct LossConfig {
     /// Weight of the background's own colour loss outside the masks.
     pub background: f32,
     /// Share of the joint colour's gradient that teaches the background at pixels that may show the
-    /// object. Above 0, the background can learn the object.
+    /// object, once `mask_end` is past. Before, with the object not yet formed, it would learn the
+    /// object.
     pub background_gate: f32,
 }
 

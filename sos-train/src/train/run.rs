@@ -46,9 +46,6 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     {
         progress.note(note);
     }
-    if let Some(masks) = &job.masks {
-        progress.note(&masks.summary());
-    }
     let views = load_views(&job.scene, job.masks.as_ref())?;
     let data = prepare(views, &job.config.prepare, job.config.loss.ignore_band)?;
     for note in &data.notes {
@@ -64,6 +61,9 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         Some(log) => log,
         None => {
             let mut log = TrainLog::create(&job.run)?;
+            let threads = rayon::current_num_threads();
+            let device = format!("{} ({threads} threads)", job.config.device);
+            log.event(0, "start", [("device", device.into())])?;
             for note in job.scene.notes.iter().chain(&data.notes) {
                 log.note(0, note)?;
             }
@@ -137,7 +137,9 @@ fn train(
         if step.is_multiple_of(LOG_EVERY) || step == config.steps {
             let seconds = since.elapsed().as_secs_f64();
             let psnr = -10.0 * (mse / steps as f32).max(1e-10).log10();
-            let alpha_change = (step % (4 * LOG_EVERY) == 0).then(|| probes.change(trainer, data));
+            let alpha_change = step
+                .is_multiple_of(4 * LOG_EVERY)
+                .then(|| probes.change(trainer, data));
             let rate = (samples as f64 / seconds) as f32;
             let [b, b_background] = trainer.sharpness();
             let losses = &report.losses;

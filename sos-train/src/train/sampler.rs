@@ -7,7 +7,8 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::prepare::{Label, Prepared};
 
-/// Rays of one step with what is known about their pixels; all lists `[rays]`.
+/// Rays of one step with what is known about their pixels; all lists `[rays]`. Those of
+/// [`Label::Background`] come first.
 #[derive(Clone, Debug, Default)]
 pub struct RayBatch {
     /// In the normalised frame.
@@ -59,9 +60,12 @@ impl Sampler {
     #[must_use]
     pub fn draw(&self, scene: &Prepared, step: u32, rays: usize) -> RayBatch {
         let mut random = step_random(self.seed, step);
+        let mut pixels: Vec<(usize, u32, u32)> =
+            (0..rays).map(|_| self.pixel(scene, &mut random)).collect();
+        // Rays that teach the background first: the others need no gradient for it.
+        pixels.sort_by_key(|&(view, x, y)| scene.outlines[view].label(x, y) != Label::Background);
         let mut batch = RayBatch::default();
-        for _ in 0..rays {
-            let (view, x, y) = self.pixel(scene, &mut random);
+        for (view, x, y) in pixels {
             let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
             // A pixel that a lens can't unproject (its far corner, say) teaches nothing.
             let Some(ray) = scene.views[view].ray(&self.poses[view], pixel) else {

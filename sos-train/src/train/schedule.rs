@@ -12,7 +12,11 @@ pub fn at(config: &TrainConfig, step: u32, levels: usize) -> StepSchedule {
         active_levels: active_levels(&config.schedule, progress, levels),
         cos_anneal: (progress / config.schedule.cos_anneal_end.max(1e-6)).min(1.0),
         mask_weight: mask_weight(&config.loss, progress),
-        background_gate: config.loss.background_gate,
+        background_gate: if progress < config.loss.mask_end {
+            0.0
+        } else {
+            config.loss.background_gate
+        },
     }
 }
 

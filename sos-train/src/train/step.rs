@@ -105,19 +105,17 @@ pub fn loss(
     let weights = &config.loss;
     let device = &context.device;
     let (object_samples, object) = object_columns(context, scene, &marched.object, schedule);
-    let (background_samples, background) =
-        background_columns(context, scene, &marched.background, schedule);
-    let gate: Vec<f32> = marched
+    // Where a pixel may show the object, the background is drawn but not taught, unless the gate
+    // says otherwise: it could learn the object.
+    let first_gated = batch
+        .labels
+        .partition_point(|label| *label == Label::Background) as u32;
+    let taught = marched
         .background
         .ray
-        .iter()
-        .map(|&ray| match batch.labels[ray as usize] {
-            Label::Background => 1.0,
-            _ => schedule.background_gate,
-        })
-        .collect();
-    let background = gated(background, &gate, device);
-
+        .partition_point(|ray| *ray < first_gated);
+    let (background_samples, background) =
+        background_columns(context, scene, &marched.background, taught, schedule);
     let n_rays = batch.rays.len();
     let rendered = composite(
         object,
@@ -201,16 +199,6 @@ fn scalar(tensor: &Tensor<1>) -> f32 {
     tensor.clone().into_scalar::<f32>()
 }
 
-/// `g x + (1 - g) detach(x)` row by row: the value of `x`, and `g` of its gradient.
-fn gated(x: Tensor<2>, gate: &[f32], device: &Device) -> Tensor<2> {
-    if gate.iter().all(|g| *g >= 1.0) {
-        return x;
-    }
-    let g = constant(gate, 1, device);
-    let rest = g.clone().neg().add_scalar(1.0);
-    x.clone().mul(g) + x.detach().mul(rest)
-}
-
 /// FoCoR's samples and its columns for compositing, `[m, 6]`.
 fn object_columns(
     context: &StepContext,
@@ -254,38 +242,74 @@ fn object_columns(
     (Some(samples), columns)
 }
 
-/// BaCo's samples and its columns for compositing, `[m, 5]`.
+/// BaCo's samples and its columns for compositing, `[m, 5]`. The first `taught` rows carry the whole
+/// gradient, the others the gate's share of it.
 fn background_columns(
     context: &StepContext,
     scene: &Scene,
     at: &FieldSamples,
+    taught: usize,
     schedule: StepSchedule,
 ) -> (Option<SurfaceSamples>, Tensor<2>) {
-    let device = &context.device;
-    if at.is_empty() {
-        return (
-            None,
-            Tensor::zeros([0, composite::background_column::COUNT], device),
-        );
-    }
-    let directions = constant(&at.directions, 3, device);
-    let samples = scene.background.sample(
-        constant(&at.points, 3, device),
-        directions.clone(),
-        constant(&at.probability, 1, device),
-        scene.background.sdf_config(
+    let gate = schedule.background_gate;
+    let part = |from: usize, to: usize, gradient: bool| {
+        if from >= to {
+            return None;
+        }
+        let device = if gradient {
+            context.device.clone()
+        } else {
+            context.device.clone().inner()
+        };
+        let directions = constant(&at.directions[3 * from..3 * to], 3, &device);
+        let points = constant(&at.points[3 * from..3 * to], 3, &device);
+        let probability = constant(&at.probability[from..to], 1, &device);
+        let settings = scene.background.sdf_config(
             &context.background_layout,
             schedule.active_levels,
             Some(context.background_gradient.clone()),
-        ),
-    );
-    let first = match context.config.model.background {
-        Transparency::Sdf => samples.sdf(),
-        Transparency::Density => samples.sdf().neg().clamp(-15.0, 12.0).exp(),
+        );
+        let samples = if gradient {
+            scene
+                .background
+                .sample(points, directions.clone(), probability, settings)
+        } else {
+            scene
+                .background
+                .sample_constant(points, directions.clone(), probability, settings)
+        };
+        let first = match context.config.model.background {
+            Transparency::Sdf => samples.sdf(),
+            Transparency::Density => samples.sdf().neg().clamp(-15.0, 12.0).exp(),
+        };
+        let slope = slope(&samples, &directions);
+        let columns = Tensor::cat(vec![first, slope, samples.colour.clone()], 1);
+        Some((samples, columns))
     };
-    let columns = Tensor::cat(
-        vec![first, slope(&samples, &directions), samples.colour.clone()],
-        1,
-    );
-    (Some(samples), columns)
+    let m = at.len();
+    let tracked = if gate > 0.0 { m } else { taught };
+    let (samples, mut columns) = match part(0, tracked, true) {
+        Some((samples, columns)) => (Some(samples), vec![columns]),
+        None => (None, Vec::new()),
+    };
+    if gate > 0.0 && gate < 1.0 && taught < m {
+        let all = columns.remove(0);
+        let gated = all
+            .clone()
+            .slice([taught..m, 0..composite::background_column::COUNT]);
+        let share = gated.clone().mul_scalar(gate) + gated.detach().mul_scalar(1.0 - gate);
+        if taught > 0 {
+            columns.push(all.slice([0..taught, 0..composite::background_column::COUNT]));
+        }
+        columns.push(share);
+    }
+    if let Some((_, constant)) = part(tracked, m, false) {
+        columns.push(Tensor::from_inner(constant));
+    }
+    let columns = match columns.len() {
+        0 => Tensor::zeros([0, composite::background_column::COUNT], &context.device),
+        1 => columns.remove(0),
+        _ => Tensor::cat(columns, 0),
+    };
+    (samples, columns)
 }

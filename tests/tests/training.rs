@@ -1,0 +1,106 @@
+//! Training on a small demo scene: it learns, and a checkpoint goes on to the same bits.
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+
+use demo_scene::DemoConfig;
+use io_colmap::{MaskSet, Scene};
+use sos_train::config::{Preset, TrainConfig};
+use sos_train::prepare::view::load_views;
+use sos_train::prepare::{Prepared, prepare};
+use sos_train::run_folder::{Existing, RunFolder};
+use sos_train::train::Trainer;
+
+/// The tiny demo scene with its rough masks, prepared.
+fn prepared(folder: &Path, config: &TrainConfig) -> Prepared {
+    let scene_dir = folder.join("scene");
+    demo_scene::generate(&DemoConfig::tiny())
+        .write(&scene_dir)
+        .unwrap();
+    let scene = Scene::open(&scene_dir).unwrap();
+    let masks = MaskSet::find(&scene_dir.join("coarse_masks"), &scene, None).unwrap();
+    let views = load_views(&scene, Some(&masks)).unwrap();
+    prepare(views, &config.prepare, config.loss.ignore_band).unwrap()
+}
+
+fn small_config(steps: u32) -> TrainConfig {
+    let mut config = TrainConfig::preset(Preset::Quick);
+    config.steps = steps;
+    for setting in [
+        "model.levels=6",
+        "model.log2_table_size=12",
+        "sampling.target_samples=4096",
+        "sampling.occupancy_resolution=32",
+        "schedule.warmup_steps=10",
+    ] {
+        config.apply_override(setting).unwrap();
+    }
+    config.validate().unwrap();
+    config
+}
+
+#[test]
+fn the_demo_scene_is_learnt() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = small_config(400);
+    let data = prepared(folder.path(), &config);
+
+    // The box is found from the masks alone.
+    let (low, high) = demo_scene::target_bounds();
+    let centre = 0.5 * (low + high);
+    let size = (high - low).length();
+    assert!(
+        data.frame.centre.distance(centre) < 0.2 * size,
+        "box at {}, object at {centre}",
+        data.frame.centre
+    );
+    assert!(2.0 * data.frame.half_side < 2.0 * size);
+
+    let mut trainer = Trainer::new(&config, &data).unwrap();
+    let mut mse = Vec::new();
+    while trainer.step_number() < config.steps {
+        let report = trainer.step(&data);
+        assert!(report.is_finite());
+        mse.push(report.losses.mse);
+    }
+    let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
+    let (first, last) = (mean(&mse[..20]), mean(&mse[380..]));
+    assert!(
+        last < 0.5 * first,
+        "squared error fell from {first} to {last} only"
+    );
+}
+
+#[test]
+fn a_checkpoint_resumes_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = small_config(60);
+    let data = prepared(folder.path(), &config);
+    let run = RunFolder::create(&folder.path().join("run"), Existing::Keep).unwrap();
+
+    let mut straight = Trainer::new(&config, &data).unwrap();
+    while straight.step_number() < 30 {
+        straight.step(&data);
+    }
+    straight.save(&run, 12.5).unwrap();
+    let mut resumed = Trainer::new(&config, &data).unwrap();
+    assert_eq!(resumed.load(&run).unwrap(), 12.5);
+    assert_eq!(resumed.step_number(), 30);
+    while straight.step_number() < config.steps {
+        let (a, b) = (straight.step(&data), resumed.step(&data));
+        assert_eq!(a.losses.total.to_bits(), b.losses.total.to_bits());
+        assert_eq!(a.rays, b.rays);
+    }
+    let points: Vec<f32> = (0..300).map(|i| (i as f32 * 0.37).sin()).collect();
+    let levels = 6;
+    let (a, b) = (
+        straight.freeze_object(levels),
+        resumed.freeze_object(levels),
+    );
+    assert_eq!(a.geometry(&points).values, b.geometry(&points).values);
+    let (a, b) = (
+        straight.freeze_background(levels),
+        resumed.freeze_background(levels),
+    );
+    assert_eq!(a.geometry(&points).values, b.geometry(&points).values);
+}
