@@ -87,7 +87,7 @@ fn default() -> TrainConfig {
         sampling: SamplingConfig {
             rays: 512,
             target_samples: 1 << 15,
-            object_steps: 96,
+            object_steps: 128,
             background_samples: 32,
             object_share: 0.6,
             occupancy_resolution: 128,
@@ -125,7 +125,7 @@ fn quick() -> TrainConfig {
         },
         sampling: SamplingConfig {
             target_samples: 1 << 14,
-            object_steps: 96,
+            object_steps: 128,
             background_samples: 24,
             occupancy_resolution: 96,
             ..base.sampling

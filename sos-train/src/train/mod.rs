@@ -207,8 +207,12 @@ impl Trainer {
             .levels
             .last()
             .map_or(512, |l| l.resolution);
-        // Phi_b falls from 0.95 to 0.05 over 6 / b: one cell of the finest level, 2 / resolution.
-        let cap = schedule::sharpness_cap(config, self.step, 3.0 * finest as f32);
+        // Phi_b falls from 0.95 to 0.05 over 6 / b. Thinner than a cell of the finest level,
+        // 2 / resolution, there is nothing to see; much thinner than a step along the ray, 2 /
+        // steps, the opacity hangs on the noise of single normals.
+        let steps = config.sampling.object_steps as f32;
+        let sharpest = (3.0 * finest as f32).min(2.4 * steps);
+        let cap = schedule::sharpness_cap(config, self.step, sharpest);
         // Nor may it fall far behind, which is fog: the background seen through the object.
         self.sharpness.limit(cap - SHARPNESS_SLACK, cap);
         self.object_adam.step_grid(
