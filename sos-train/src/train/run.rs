@@ -9,7 +9,7 @@ use neus_render::rays::Ray;
 
 use super::Trainer;
 use super::sampler::Sampler;
-use crate::config::TrainConfig;
+use crate::config::{AlphaSource, Blend, TrainConfig};
 use crate::export::{LogRecord, TrainLog, write_mesh, write_view};
 use crate::job::{TrainJob, TrainOutcome};
 use crate::prepare::error::PrepareError;
@@ -46,6 +46,9 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     {
         progress.note(note);
     }
+    for missing in not_yet(&job.config) {
+        progress.warn(missing);
+    }
     let views = load_views(&job.scene, job.masks.as_ref())?;
     let data = prepare(views, &job.config.prepare, job.config.loss.ignore_band)?;
     for note in &data.notes {
@@ -64,7 +67,13 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
             let threads = rayon::current_num_threads();
             let device = format!("{} ({threads} threads)", job.config.device);
             log.event(0, "start", [("device", device.into())])?;
-            for note in job.scene.notes.iter().chain(&data.notes) {
+            let notes = job
+                .scene
+                .notes
+                .iter()
+                .chain(&data.notes)
+                .map(String::as_str);
+            for note in notes.chain(not_yet(&job.config)) {
                 log.note(0, note)?;
             }
             log
@@ -94,6 +103,23 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         ],
     )?;
     Ok(TrainOutcome::Finished)
+}
+
+/// Settings that are accepted but that training does not act on yet, each as a sentence.
+fn not_yet(config: &TrainConfig) -> Vec<&'static str> {
+    let mut missing = Vec::new();
+    if config.model.blend == Blend::Ray {
+        missing.push("model.blend = \"ray\" is not available yet: fields are blended per sample");
+    }
+    if config.model.alpha == AlphaSource::Head {
+        missing.push(
+            "model.alpha = \"head\" is not available yet: the head multiplies the opacity (\"both\")",
+        );
+    }
+    if config.loss.points > 0.0 {
+        missing.push("loss.points is not available yet and has no effect");
+    }
+    missing
 }
 
 fn train(
