@@ -92,7 +92,12 @@ fn assert_close(name: &str, a: &[f32], b: &[f32], tolerance: f32) {
 }
 
 /// Value of the op, its reference, and all gradients of a weighted sum of the outputs.
-fn both_sdf(device: &Device, n: usize, active: usize) -> [(Vec<f32>, Vec<Vec<f32>>); 2] {
+fn both_sdf(
+    device: &Device,
+    n: usize,
+    active: usize,
+    normal: sdf_field::Normal,
+) -> [(Vec<f32>, Vec<Vec<f32>>); 2] {
     let device = &device.clone().autodiff();
     let layout = Arc::new(GridLayout::new(&config().grid));
     let points = numbers(3 * n, 11)
@@ -102,7 +107,8 @@ fn both_sdf(device: &Device, n: usize, active: usize) -> [(Vec<f32>, Vec<Vec<f32
     let upstream = numbers(n * 11, 12);
     [false, true].map(|reference| {
         let surface = surface(device);
-        let settings = surface.sdf_config(&layout, active, None);
+        let mut settings = surface.sdf_config(&layout, active, None);
+        settings.normal = normal;
         let points = tensor(points.clone(), [n, 3], device);
         let weights = surface.sdf_weights();
         let out = if reference {
@@ -130,8 +136,12 @@ fn both_sdf(device: &Device, n: usize, active: usize) -> [(Vec<f32>, Vec<Vec<f32
 fn sdf_field_equals_its_reference() {
     for device in [Device::flex(), Device::ndarray()] {
         // One point, a part of a tile, several tiles and a rest; all levels, and some.
-        for (n, active) in [(1, 5), (17, 2), (300, 5), (2100, 3)] {
-            let [kernel, reference] = both_sdf(&device, n, active);
+        for (n, active) in [(1, 5), (17, 2), (129, 3), (300, 5), (2100, 3)] {
+            let normal = match n {
+                17 | 2100 => sdf_field::Normal::Zero,
+                _ => sdf_field::Normal::Computed,
+            };
+            let [kernel, reference] = both_sdf(&device, n, active, normal);
             assert_close("sdf_field", &kernel.0, &reference.0, VALUE_TOLERANCE);
             for (name, (a, b)) in ["table", "w1", "b1", "w2", "b2"]
                 .iter()
