@@ -13,8 +13,8 @@ use std::sync::Arc;
 use burn::tensor::{Device, Tensor, TensorData};
 use neus_render::{
     composite::{
-        CompositeConfig, Packing, Transparency, background_column, column, composite,
-        composite_reference, object_column, sample_weights,
+        CompositeConfig, Packing, Transparency, Visibility, background_column, column, composite,
+        composite_reference, object_column, sample_visibility,
     },
     random::unit_float,
 };
@@ -304,7 +304,7 @@ fn extreme_samples_give_finite_values_and_gradients() {
 #[test]
 fn weights_are_the_gradient_of_colours() {
     let scene = random_scene(20, 10, CompositeConfig::default(), 9);
-    let weights = sample_weights(
+    let seen = sample_visibility(
         &scene.object_f32(),
         &scene.background_f32(),
         scene.sharpness.map(|v| v as f32),
@@ -320,8 +320,22 @@ fn weights_are_the_gradient_of_colours() {
     let red = |gradient: &[f32], columns: usize| -> Vec<f32> {
         gradient.chunks(columns).map(|row| row[2]).collect()
     };
-    assert_eq!(weights.object, red(&found.object, 6));
-    assert_eq!(weights.background, red(&found.background, 5));
+    let weights = |of: &[Visibility]| -> Vec<f32> { of.iter().map(|v| v.weight).collect() };
+    assert_eq!(weights(&seen.object), red(&found.object, 6));
+    assert_eq!(weights(&seen.background), red(&found.background, 5));
+    // What is let through before a sample never rises along a ray, and is 1 at its start.
+    let packing = &scene.packing;
+    for (of, offsets) in [
+        (&seen.object, packing.object_offsets()),
+        (&seen.background, packing.background_offsets()),
+    ] {
+        for ray in offsets.windows(2) {
+            let ray = &of[ray[0] as usize..ray[1] as usize];
+            assert!(ray.first().is_none_or(|first| first.alone == 1.0));
+            assert!(ray.is_sorted_by(|a, b| a.alone >= b.alone));
+            assert!(ray.iter().all(|v| v.transmittance <= v.alone));
+        }
+    }
 }
 
 /// A half-transparent matte at the first surface lets the background through in front-to-back

@@ -34,29 +34,41 @@ pub(crate) struct Gradients {
     pub(crate) sharpness: [f32; 2],
 }
 
-/// Each sample's weight in the joint pixel.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SampleWeights {
-    /// `w_F` of the object's rows; `[m_f]`.
-    pub object: Vec<f32>,
-    /// `w_B` of the background's rows; `[m_b]`.
-    pub background: Vec<f32>,
+/// How one sample is seen from its ray's origin.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Visibility {
+    /// Its weight in the joint pixel, `w_F` or `w_B`.
+    pub weight: f32,
+    /// What both fields let through before it.
+    pub transmittance: f32,
+    /// What its own field lets through before it.
+    pub alone: f32,
 }
 
-/// The weights `w_F` and `w_B` of all samples, as plain numbers (for occupancy and for sampling
-/// where errors are).
+/// [`Visibility`] of the samples of both fields.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SampleVisibility {
+    /// Of the object's rows; `[m_f]`.
+    pub object: Vec<Visibility>,
+    /// Of the background's rows; `[m_b]`.
+    pub background: Vec<Visibility>,
+}
+
+/// Weights and transmittances of all samples, as plain numbers: which of them light reaches at all,
+/// and where a ray's surface lies.
 ///
-/// `object` `[m_f, 6]` and `background` `[m_b, 5]` row-major, as for [`composite`](super::composite).
+/// `object` `[m_f, 6]` and `background` `[m_b, 5]` row-major, as for [`composite`](super::composite);
+/// colours are not read.
 ///
 /// # Panics
 /// When a slice's length doesn't fit the packing.
-pub fn sample_weights(
+pub fn sample_visibility(
     object: &[f32],
     background: &[f32],
     sharpness: [f32; 2],
     packing: &Packing,
     config: CompositeConfig,
-) -> SampleWeights {
+) -> SampleVisibility {
     let batch = Batch {
         object,
         background,
@@ -65,26 +77,34 @@ pub fn sample_weights(
         config,
     };
     batch.check();
-    let mut weights = SampleWeights {
-        object: vec![0.0; packing.object().len()],
-        background: vec![0.0; packing.background().len()],
+    let mut out = SampleVisibility {
+        object: vec![Visibility::default(); packing.object().len()],
+        background: vec![Visibility::default(); packing.background().len()],
     };
     batch
-        .split(&mut weights.object, 1, &mut weights.background, 1)
+        .split(&mut out.object, 1, &mut out.background, 1)
         .into_par_iter()
         .for_each(|part| {
             for ray in part.rays.clone() {
                 batch.walk(ray, |step| {
                     if let Some(row) = step.object_row {
-                        part.object[row - part.object_start] = step.object_weight();
+                        part.object[row - part.object_start] = Visibility {
+                            weight: step.object_weight(),
+                            transmittance: step.joint,
+                            alone: step.object_alone,
+                        };
                     }
                     if let Some(row) = step.background_row {
-                        part.background[row - part.background_start] = step.background_weight();
+                        part.background[row - part.background_start] = Visibility {
+                            weight: step.background_weight(),
+                            transmittance: step.joint,
+                            alone: step.background_alone,
+                        };
                     }
                 });
             }
         });
-    weights
+    out
 }
 
 /// Pixels of all rays: `[rays, 16]` row-major.
@@ -169,11 +189,11 @@ struct Remainder {
 }
 
 /// Consecutive rays and their rows of two per-sample arrays.
-struct Part<'a> {
+struct Part<'a, T = f32> {
     rays: std::ops::Range<usize>,
-    object: &'a mut [f32],
+    object: &'a mut [T],
     object_start: usize,
-    background: &'a mut [f32],
+    background: &'a mut [T],
     background_start: usize,
 }
 
@@ -196,13 +216,13 @@ impl<'a> Batch<'a> {
     }
 
     /// Cuts two per-sample arrays (of so many values per row) along chunks of rays.
-    fn split<'b>(
+    fn split<'b, T>(
         &self,
-        mut object: &'b mut [f32],
+        mut object: &'b mut [T],
         object_width: usize,
-        mut background: &'b mut [f32],
+        mut background: &'b mut [T],
         background_width: usize,
-    ) -> Vec<Part<'b>> {
+    ) -> Vec<Part<'b, T>> {
         let rays = self.packing.ray_count();
         let rows = |offsets: &[u32], rays: &std::ops::Range<usize>| {
             let (start, end) = (offsets[rays.start] as usize, offsets[rays.end] as usize);

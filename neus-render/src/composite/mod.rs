@@ -38,7 +38,7 @@ use burn::{
 };
 use serde::{Deserialize, Serialize};
 
-pub use cpu::{SampleWeights, sample_weights};
+pub use cpu::{SampleVisibility, Visibility, sample_visibility};
 pub use packing::Packing;
 pub use reference::composite_reference;
 

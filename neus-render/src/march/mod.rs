@@ -12,6 +12,8 @@
 //!   [`contraction`](crate::contraction)). A ray that misses the box has them on both sides of its
 //!   closest approach, in units of the distance there.
 //!
+//! The last interval behind the box is there whatever the grid says: something closes every view.
+//!
 //! With everything occupied, the intervals cover [near, far] without a gap.
 
 mod intervals;
@@ -54,6 +56,9 @@ pub struct MarchConfig {
     /// Intervals between the box and infinity, evenly spaced in `d / (d + 1)`; what lies beyond
     /// `far` or nearer than `near` is left out.
     pub background_samples: u32,
+    /// Whether rays go on behind the object box. Without it, only what stands before the object or
+    /// around it is found: enough for mattes.
+    pub behind_box: bool,
     /// Where rays begin.
     pub near: f32,
     /// Where rays end.
@@ -74,6 +79,7 @@ impl Default for MarchConfig {
             step_object: 3.0f32.sqrt() * 2.0 / 1024.0,
             background_stride: 1,
             background_samples: 64,
+            behind_box: true,
             near: 0.01,
             far: 1000.0,
             jitter: Jitter::Fixed,
@@ -237,7 +243,9 @@ impl Chunk {
             let stride = i64::from(config.background_stride.max(1));
             self.cross(ray, grids, (span.near, span.far), (step, stride), offset);
         }
-        self.recede(&outside, behind, far - behind);
+        if config.behind_box {
+            self.recede(&outside, behind, far - behind);
+        }
     }
 
     /// The stretch of length `length` that ends at `end`, where steps are finest.
@@ -286,7 +294,8 @@ impl Chunk {
                 end
             };
             if to > from {
-                if grid.occupied(contract(outside.ray.at(0.5 * (from + to)))) {
+                // The last one is always there: behind all else stands the sky.
+                if to >= end || grid.occupied(contract(outside.ray.at(0.5 * (from + to)))) {
                     self.push(from, to, false, true);
                 }
                 from = to;
