@@ -1,21 +1,24 @@
-//! A trained surface as plain slices, for renders and meshes: no tensors, no gradients.
+//! A trained surface without gradients, for occupancy, renders and meshes.
 
 use std::sync::Arc;
 
+use burn::Tensor;
+use burn::tensor::{Device, TensorData};
 use hashgrid::GridLayout;
 
-use crate::colour_field;
-use crate::sdf_field::{self, SdfFieldConfig};
+use crate::colour_field::{ColourFieldInputs, ColourFieldWeights, colour_field};
+use crate::sdf_field::{SdfFieldConfig, SdfFieldWeights, sdf_field};
 use crate::surface::Surface;
 
-/// A copy of a surface's weights that answers for points without autodiff.
+/// A surface that answers for plain lists of points, without autodiff.
+///
+/// It shares the tensors' memory: nothing is copied, and later training does not change it.
 #[derive(Clone, Debug)]
 pub struct FrozenSurface {
-    table: Vec<f32>,
-    sdf: sdf_field::Weights,
-    colour: colour_field::Weights,
+    sdf: SdfFieldWeights,
+    colour: ColourFieldWeights,
     config: SdfFieldConfig,
-    columns: usize,
+    device: Device,
 }
 
 /// Rows of [`FrozenSurface::geometry`].
@@ -40,42 +43,68 @@ impl Geometry {
         let end = (i + 1) * self.columns;
         glam::Vec3::from_slice(&self.values[end - 3..end])
     }
+
+    /// The rows of `chosen` points.
+    #[must_use]
+    pub fn select(&self, chosen: &[u32]) -> Self {
+        let mut values = Vec::with_capacity(chosen.len() * self.columns);
+        for &i in chosen {
+            let start = i as usize * self.columns;
+            values.extend_from_slice(&self.values[start..start + self.columns]);
+        }
+        Self {
+            values,
+            columns: self.columns,
+        }
+    }
 }
 
 impl FrozenSurface {
-    /// Copies the weights of `surface`, of which `active_levels` are in use.
-    ///
-    /// # Panics
-    /// When a weight is not of type `f32`.
+    /// `surface`, of which `active_levels` are in use.
     #[must_use]
     pub fn new(surface: &Surface, layout: &Arc<GridLayout>, active_levels: usize) -> Self {
-        let config = surface.sdf_config(layout, active_levels, None);
         let s = surface.sdf_weights();
         let c = surface.colour_weights();
-        let columns = s.b2.dims()[0] + 3;
-        let (w1, b1, w2, b2) = (values(s.w1), values(s.b1), values(s.w2), values(s.b2));
+        let sdf = SdfFieldWeights {
+            table: constant(s.table),
+            w1: constant(s.w1),
+            b1: constant(s.b1),
+            w2: constant(s.w2),
+            b2: constant(s.b2),
+        };
         Self {
-            table: values(s.table),
-            sdf: sdf_field::Weights::new(&config, &w1, &b1, &w2, &b2),
-            colour: colour_field::Weights::new([
-                &values(c.w1),
-                &values(c.b1),
-                &values(c.w2),
-                &values(c.b2),
-                &values(c.w3),
-                &values(c.b3),
-            ]),
-            config,
-            columns,
+            device: sdf.table.device(),
+            sdf,
+            colour: ColourFieldWeights {
+                w1: constant(c.w1),
+                b1: constant(c.b1),
+                w2: constant(c.w2),
+                b2: constant(c.b2),
+                w3: constant(c.w3),
+                b3: constant(c.b3),
+            },
+            config: surface.sdf_config(layout, active_levels, None),
         }
     }
 
     /// Signed distance, feature and normal of `points: [n, 3]`.
     #[must_use]
     pub fn geometry(&self, points: &[f32]) -> Geometry {
+        let columns = self.sdf.b2.dims()[0] + 3;
+        if points.is_empty() {
+            return Geometry {
+                values: Vec::new(),
+                columns,
+            };
+        }
+        let out = sdf_field(
+            self.rows(points.to_vec(), 3),
+            self.sdf.clone(),
+            self.config.clone(),
+        );
         Geometry {
-            values: sdf_field::evaluate(points, &self.table, self.sdf.clone(), &self.config),
-            columns: self.columns,
+            values: values(out),
+            columns,
         }
     }
 
@@ -90,19 +119,40 @@ impl FrozenSurface {
         directions: &[f32],
         extra: &[f32],
     ) -> Vec<f32> {
-        colour_field::evaluate(
-            colour_field::Inputs {
-                geometry: &geometry.values,
-                points,
-                directions,
-                extra,
+        let n = points.len() / 3;
+        if n == 0 {
+            return Vec::new();
+        }
+        values(colour_field(
+            ColourFieldInputs {
+                geometry: self.rows(geometry.values.clone(), geometry.columns),
+                points: self.rows(points.to_vec(), 3),
+                directions: self.rows(directions.to_vec(), 3),
+                extra: Tensor::from_data(
+                    TensorData::new(extra.to_vec(), [n, extra.len() / n]),
+                    &self.device,
+                ),
             },
             self.colour.clone(),
-        )
+        ))
+    }
+
+    fn rows(&self, values: Vec<f32>, columns: usize) -> Tensor<2> {
+        let n = values.len() / columns;
+        Tensor::from_data(TensorData::new(values, [n, columns]), &self.device)
     }
 }
 
-fn values<const D: usize>(tensor: burn::Tensor<D>) -> Vec<f32> {
+/// The same tensor outside autodiff.
+fn constant<const D: usize>(tensor: Tensor<D>) -> Tensor<D> {
+    if tensor.is_autodiff() {
+        tensor.inner()
+    } else {
+        tensor
+    }
+}
+
+fn values(tensor: Tensor<2>) -> Vec<f32> {
     match tensor.into_data().try_to_vec::<f32>() {
         Ok(values) => values,
         Err(error) => panic!("FrozenSurface: weights are not f32: {error:?}"),

@@ -21,9 +21,11 @@ mod dense;
 mod evaluate;
 mod model;
 mod surface;
+mod surface_votes;
 mod tile;
 
 pub use dense::Dense;
 pub use evaluate::{FrozenSurface, Geometry};
 pub use model::{BACKGROUND_HALF_SIDE, Scene, SceneConfig, Sharpness};
 pub use surface::{InitialShape, Surface, SurfaceConfig, SurfaceSamples};
+pub use surface_votes::SurfaceVotes;

@@ -105,9 +105,15 @@ impl Surface {
             InitialShape::Hollow(radius) => (-1.0, radius),
             InitialShape::Flat(value) => (0.0, value),
         };
-        let mean = (std::f32::consts::PI / hidden as f32).sqrt();
-        let mut w2 = random.normals(hidden, sign * mean, 1e-4);
-        w2.extend(random.normals(hidden * config.features, 0.0, (2.0 / hidden as f32).sqrt()));
+        let he = (2.0 / hidden as f32).sqrt();
+        let mut w2 = if sign == 0.0 {
+            w1 = random.normals(hidden * inputs, 0.0, (2.0 / inputs as f32).sqrt());
+            random.normals(hidden, 0.0, he)
+        } else {
+            let mean = (std::f32::consts::PI / hidden as f32).sqrt();
+            random.normals(hidden, sign * mean, 1e-4)
+        };
+        w2.extend(random.normals(hidden * config.features, 0.0, he));
         let mut b2 = vec![0.0; 1 + config.features];
         b2[0] = if sign == 0.0 { radius } else { -sign * radius };
         let colour_inputs = 9 + 1 + config.features + config.extra;
@@ -208,47 +214,6 @@ impl Surface {
                 extra,
             },
             self.colour_weights(),
-        );
-        SurfaceSamples { geometry, colour }
-    }
-
-    /// [`Surface::sample`] without gradients: the inputs and results are on the inner device.
-    #[must_use]
-    pub fn sample_constant(
-        &self,
-        points: Tensor<2>,
-        directions: Tensor<2>,
-        extra: Tensor<2>,
-        config: SdfFieldConfig,
-    ) -> SurfaceSamples {
-        let s = self.sdf_weights();
-        let geometry = sdf_field(
-            points.clone(),
-            SdfFieldWeights {
-                table: s.table.inner(),
-                w1: s.w1.inner(),
-                b1: s.b1.inner(),
-                w2: s.w2.inner(),
-                b2: s.b2.inner(),
-            },
-            config,
-        );
-        let c = self.colour_weights();
-        let colour = colour_field(
-            ColourFieldInputs {
-                geometry: geometry.clone(),
-                points,
-                directions,
-                extra,
-            },
-            ColourFieldWeights {
-                w1: c.w1.inner(),
-                b1: c.b1.inner(),
-                w2: c.w2.inner(),
-                b2: c.b2.inner(),
-                w3: c.w3.inner(),
-                b3: c.b3.inner(),
-            },
         );
         SurfaceSamples { geometry, colour }
     }

@@ -20,7 +20,13 @@ fn prepared(folder: &Path, config: &TrainConfig) -> Prepared {
     let scene = Scene::open(&scene_dir).unwrap();
     let masks = MaskSet::find(&scene_dir.join("coarse_masks"), &scene, None).unwrap();
     let views = load_views(&scene, Some(&masks)).unwrap();
-    prepare(views, &config.prepare, config.loss.ignore_band).unwrap()
+    prepare(
+        views,
+        &scene.model.points,
+        &config.prepare,
+        config.loss.ignore_band,
+    )
+    .unwrap()
 }
 
 fn small_config(steps: u32) -> TrainConfig {
@@ -71,21 +77,21 @@ fn the_demo_scene_is_learnt() {
     );
 }
 
-#[test]
-fn a_checkpoint_resumes_to_the_same_bits() {
+/// Trains with a stop at `stop`, and straight through: both must end in the same bits.
+fn resumes_to_the_same_bits(stop: u32) {
     let folder = tempfile::tempdir().unwrap();
     let config = small_config(60);
     let data = prepared(folder.path(), &config);
     let run = RunFolder::create(&folder.path().join("run"), Existing::Keep).unwrap();
 
     let mut straight = Trainer::new(&config, &data).unwrap();
-    while straight.step_number() < 30 {
+    while straight.step_number() < stop {
         straight.step(&data);
     }
     straight.save(&run, 12.5).unwrap();
     let mut resumed = Trainer::new(&config, &data).unwrap();
     assert_eq!(resumed.load(&run).unwrap(), 12.5);
-    assert_eq!(resumed.step_number(), 30);
+    assert_eq!(resumed.step_number(), stop);
     while straight.step_number() < config.steps {
         let (a, b) = (straight.step(&data), resumed.step(&data));
         assert_eq!(a.losses.total.to_bits(), b.losses.total.to_bits());
@@ -103,4 +109,14 @@ fn a_checkpoint_resumes_to_the_same_bits() {
         resumed.freeze_background(levels),
     );
     assert_eq!(a.geometry(&points).values, b.geometry(&points).values);
+}
+
+#[test]
+fn a_checkpoint_before_carving_resumes_to_the_same_bits() {
+    resumes_to_the_same_bits(10);
+}
+
+#[test]
+fn a_checkpoint_after_carving_resumes_to_the_same_bits() {
+    resumes_to_the_same_bits(30);
 }

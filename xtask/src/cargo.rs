@@ -89,7 +89,12 @@ impl Workspace {
                 .cargo("test", &["--release"])
                 .with_all(everywhere(&arguments)),
         };
-        command.with_all(arguments)
+        let mut command = command.with_all(arguments);
+        if matches!(task, Task::Train | Task::Eval | Task::Sos) {
+            // So that hints can be pasted: `cargo xtask train --resume`.
+            command.environment.push(("SOS_INVOKED_AS", "cargo xtask"));
+        }
+        command
     }
 }
 

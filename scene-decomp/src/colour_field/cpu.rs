@@ -190,11 +190,6 @@ pub(crate) fn forward(
     (out, Some(saved))
 }
 
-/// [`forward`] for callers outside autodiff, such as final renders.
-pub(crate) fn evaluate(inputs: Inputs<'_>, weights: Weights) -> Vec<f32> {
-    forward(inputs, weights, Keep::Nothing).0
-}
-
 struct ForwardTile<'a> {
     inputs: Inputs<'a>,
     first: usize,

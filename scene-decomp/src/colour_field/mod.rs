@@ -20,8 +20,6 @@ pub mod reference;
 use burn::Tensor;
 use burn::backend::{Backend, Dispatch, backend_extension, tensor::FloatTensor};
 
-pub(crate) use cpu::{Inputs, Weights, evaluate};
-
 /// The network's weights, each `[out, in]` with its bias `[out]`.
 #[derive(Clone, Debug)]
 pub struct ColourFieldWeights {

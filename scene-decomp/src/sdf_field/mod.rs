@@ -27,7 +27,7 @@ use burn::Tensor;
 use burn::backend::{Backend, Dispatch, backend_extension, tensor::FloatTensor};
 use hashgrid::{GridLayout, SparseGrad};
 
-pub(crate) use cpu::{Weights, evaluate, transposed};
+pub(crate) use cpu::transposed;
 
 /// Whether the op computes normals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -99,9 +99,12 @@ impl TrainConfig {
         for (key, value) in [
             ("loss.mask_hold", loss.mask_hold),
             ("loss.mask_end", loss.mask_end),
+            ("schedule.carve", schedule.carve),
+            ("schedule.votes_start", schedule.votes_start),
+            ("schedule.view_start", schedule.view_start),
+            ("schedule.view_end", schedule.view_end),
             ("loss.mask_floor", loss.mask_floor),
             ("loss.ignore_band", loss.ignore_band),
-            ("loss.background_gate", loss.background_gate),
             ("schedule.final_ratio", schedule.final_ratio),
             ("schedule.levels_end", schedule.levels_end),
             ("schedule.cos_anneal_end", schedule.cos_anneal_end),
@@ -142,6 +145,9 @@ impl TrainConfig {
             ("loss.sparsity", loss.sparsity),
             ("loss.mask", loss.mask),
             ("loss.points", loss.points),
+            ("loss.distortion", loss.distortion),
+            ("loss.fog", loss.fog),
+            ("loss.hidden", loss.hidden),
             ("loss.background", loss.background),
             (
                 "schedule.sharpness_learning_rate",

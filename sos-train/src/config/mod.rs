@@ -32,7 +32,7 @@ pub use preset::Preset;
 pub use record::{InputRecord, MaskPolarity, RunRecord, Versions};
 pub use sections::{
     AlphaSource, Blend, ColourLoss, ExportConfig, Interpolation, LossConfig, ModelConfig,
-    PrepareConfig, SamplingConfig, ScheduleConfig, Transparency,
+    PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
 };
 
 use serde::{Deserialize, Serialize};

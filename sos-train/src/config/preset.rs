@@ -3,7 +3,7 @@
 use super::TrainConfig;
 use super::sections::{
     AlphaSource, Blend, ColourLoss, ExportConfig, Interpolation, LossConfig, ModelConfig,
-    PrepareConfig, SamplingConfig, ScheduleConfig, Transparency,
+    PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
 };
 use serde::{Deserialize, Serialize};
 
@@ -41,7 +41,7 @@ pub(super) fn values(preset: Preset) -> TrainConfig {
 fn default() -> TrainConfig {
     TrainConfig {
         preset: Preset::Default,
-        steps: 6000,
+        steps: 8000,
         seed: 1,
         device: "auto".to_owned(),
         model: ModelConfig {
@@ -55,6 +55,7 @@ fn default() -> TrainConfig {
             background_features: 7,
             background: Transparency::Density,
             alpha: AlphaSource::Opacity,
+            probability: ProbabilitySource::Surface,
             blend: Blend::Sample,
         },
         loss: LossConfig {
@@ -65,13 +66,15 @@ fn default() -> TrainConfig {
             sparsity: 0.01,
             sparsity_tau: 20.0,
             mask: 0.1,
-            mask_hold: 0.15,
-            mask_end: 0.35,
-            mask_floor: 0.03,
+            mask_hold: 0.03,
+            mask_end: 0.1,
+            mask_floor: 0.0,
             ignore_band: 0.03,
+            distortion: 0.003,
+            fog: 0.01,
+            hidden: 0.05,
             points: 0.0,
             background: 1.0,
-            background_gate: 1.0,
         },
         schedule: ScheduleConfig {
             learning_rate: 0.01,
@@ -79,6 +82,10 @@ fn default() -> TrainConfig {
             warmup_steps: 200,
             final_ratio: 0.1,
             first_levels: 4,
+            carve: 0.3,
+            votes_start: 0.08,
+            view_start: 0.0,
+            view_end: 0.0,
             levels_end: 0.4,
             cos_anneal_end: 0.25,
             sharpness_learning_rate: 0.001,
@@ -86,7 +93,7 @@ fn default() -> TrainConfig {
         },
         sampling: SamplingConfig {
             rays: 512,
-            target_samples: 1 << 15,
+            target_samples: 1 << 13,
             object_steps: 128,
             background_samples: 32,
             object_share: 0.6,
@@ -96,7 +103,7 @@ fn default() -> TrainConfig {
         prepare: PrepareConfig {
             hull_threshold: 0.25,
             object_threshold: 0.6,
-            crop_threshold: 0.75,
+            crop_threshold: 0.5,
             box_margin: 0.15,
         },
         export: ExportConfig {
@@ -158,17 +165,24 @@ fn paper() -> TrainConfig {
             background_features: 7,
             background: Transparency::Sdf,
             alpha: AlphaSource::Head,
+            probability: ProbabilitySource::Hull,
             blend: Blend::Ray,
         },
         loss: LossConfig {
             colour: ColourLoss::L2,
             eikonal_background: 0.1,
+            distortion: 0.0,
+            fog: 0.0,
+            hidden: 0.0,
+            mask_hold: 0.05,
+            mask_end: 0.15,
             ..base.loss
         },
         schedule: ScheduleConfig {
             learning_rate: 0.01,
             learning_rate_mlp: 0.01,
             warmup_steps: 500,
+            carve: 0.0,
             ..base.schedule
         },
         sampling: SamplingConfig {

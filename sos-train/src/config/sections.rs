@@ -56,6 +56,16 @@ pub enum ColourLoss {
     L1,
 }
 
+/// Where m^P comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ProbabilitySource {
+    /// The soft visual hull of the masks, for the whole run.
+    Hull,
+    /// The hull at first, then the votes of the masks on the surfaces that their pixels show.
+    Surface,
+}
+
 /// `[model]`: the two fields and how their colours meet.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -80,6 +90,8 @@ pub struct ModelConfig {
     pub background: Transparency,
     /// Which number is the matte.
     pub alpha: AlphaSource,
+    /// Who says which part of space is the object's.
+    pub probability: ProbabilitySource,
     /// How the two fields become one colour.
     pub blend: Blend,
 }
@@ -110,14 +122,17 @@ pub struct LossConfig {
     pub mask_floor: f32,
     /// Width of the band along mask edges where masks say nothing, as a share of the object's size.
     pub ignore_band: f32,
+    /// Weight of the distortion loss: light should come from one place on each ray.
+    pub distortion: f32,
+    /// Weight of the background's opacity at random points: fog of the colour behind it shows in no
+    /// photo, but in plates.
+    pub fog: f32,
+    /// Weight of what hides the object where its mask says that it is to be seen.
+    pub hidden: f32,
     /// Weight of distance = 0 at sparse points on the object.
     pub points: f32,
     /// Weight of the background's own colour loss outside the masks.
     pub background: f32,
-    /// Share of the joint colour's gradient that teaches the background at pixels that may show the
-    /// object, once `mask_end` is past. Before, with the object not yet formed, it would learn the
-    /// object.
-    pub background_gate: f32,
 }
 
 /// `[schedule]`: what changes in the course of a run.
@@ -134,6 +149,16 @@ pub struct ScheduleConfig {
     pub final_ratio: f32,
     /// Hash levels that are on from the start.
     pub first_levels: u32,
+    /// Share of the run that BaCo learns the whole scene by itself, before FoCoR is carved out of it;
+    /// 0 starts both together.
+    pub carve: f32,
+    /// Share of the run after which votes on surfaces replace the visual hull as m^P.
+    pub votes_start: f32,
+    /// Share of the run from which colours begin to depend on the direction they are seen from:
+    /// before, they could explain away a surface that is not yet where it belongs.
+    pub view_start: f32,
+    /// Share of the run at which they do so fully.
+    pub view_end: f32,
     /// Share of the run by which all levels are on.
     pub levels_end: f32,
     /// Share of the run over which the cosine in NeuS' alpha is annealed; 0 turns annealing off.

@@ -7,7 +7,9 @@ pub mod outline;
 pub mod view;
 pub mod votes;
 
+use glam::Vec3;
 use image::GrayImage;
+use io_colmap::SparsePoint;
 use scene_decomp::probability::ProbabilityMap;
 
 pub use frame::Frame;
@@ -34,16 +36,20 @@ pub struct Prepared {
     pub map: ProbabilityMap,
     /// Labels per view.
     pub outlines: Vec<Outline>,
+    /// Sparse points that the masks take for the object's, in the normalised frame.
+    pub points: Vec<Vec3>,
     /// What a user should know about the choices made, a sentence each.
     pub notes: Vec<String>,
 }
 
-/// Finds the object's box, lets the masks vote on space, and labels every pixel.
+/// Finds the object's box, lets the masks vote on space, and labels every pixel. `points` are the
+/// model's sparse points.
 ///
 /// # Errors
 /// When masks or cameras do not determine a box.
 pub fn prepare(
     views: Vec<TrainView>,
+    points: &[SparsePoint],
     config: &PrepareConfig,
     ignore_band: f32,
 ) -> Result<Prepared, PrepareError> {
@@ -108,7 +114,13 @@ pub fn prepare(
             outline::outline(view, silhouette, stride, trust, band, config)
         })
         .collect();
+    let points = points
+        .iter()
+        .map(|point| frame.normalised_from_world(point.position))
+        .filter(|point| map.at(*point) >= config.object_threshold)
+        .collect();
     Ok(Prepared {
+        points,
         views,
         frame,
         map,

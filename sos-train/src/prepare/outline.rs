@@ -55,6 +55,8 @@ impl Label {
 #[derive(Clone, Debug)]
 pub struct Outline {
     width: u32,
+    /// Whether the view has a mask that is believed.
+    masked: bool,
     labels: Vec<u8>,
     /// Pixels, row-major numbers, whose ray meets space that may hold the object.
     pub candidates: Vec<u32>,
@@ -65,6 +67,17 @@ impl Outline {
     #[must_use]
     pub fn label(&self, x: u32, y: u32) -> Label {
         Label::from_byte(self.labels[(y * self.width + x) as usize])
+    }
+
+    /// Whether the view's own mask says "object" at a pixel; `None` where it is not to be relied on.
+    #[must_use]
+    pub fn vote(&self, x: u32, y: u32) -> Option<bool> {
+        match self.label(x, y) {
+            _ if !self.masked => None,
+            Label::Background | Label::DoubtfulBackground => Some(false),
+            Label::Object | Label::DoubtfulObject => Some(true),
+            Label::Unknown => None,
+        }
     }
 }
 
@@ -92,6 +105,25 @@ pub fn silhouette(view: &TrainView, frame: &Frame, map: &ProbabilityMap, stride:
         })
         .collect();
     GrayImage::from_raw(w, h, rows).unwrap_or_default()
+}
+
+/// Pixels, row-major numbers, whose ray meets space that m^P gives to the object.
+#[must_use]
+pub fn candidates(
+    view: &TrainView,
+    frame: &Frame,
+    map: &ProbabilityMap,
+    config: &PrepareConfig,
+) -> Vec<u32> {
+    const STRIDE: u32 = 2;
+    let silhouette = silhouette(view, frame, map, STRIDE);
+    (0..view.width() * view.height())
+        .filter(|i| {
+            let (x, y) = (i % view.width(), i / view.width());
+            let at = |v: u32| (v as f32 + 0.5) / STRIDE as f32;
+            bilinear(&silhouette, at(x), at(y)) >= config.hull_threshold
+        })
+        .collect()
 }
 
 /// How far each mask is believed: by its overlap with what the others say, relative to the median.
@@ -185,6 +217,7 @@ pub fn outline(
     }
     Outline {
         width,
+        masked: mask.is_some(),
         labels,
         candidates,
     }

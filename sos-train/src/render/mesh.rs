@@ -22,8 +22,8 @@ struct ObjectSdf<'a>(&'a FrozenScene);
 impl SdfBatch for ObjectSdf<'_> {
     fn sdf(&self, points: &[Vec3], out: &mut [f32]) {
         let flat: Vec<f32> = points.iter().flat_map(|p| p.to_array()).collect();
-        let geometry = self.0.object.geometry(&flat);
-        let threshold = self.0.config.prepare.hull_threshold;
+        let geometry = self.0.fields.object.geometry(&flat);
+        let threshold = self.0.config.prepare.crop_threshold;
         for (i, (value, point)) in out.iter_mut().zip(points).enumerate() {
             let sdf = geometry.sdf(i);
             *value = if self.0.map.at(*point) >= threshold {
@@ -54,8 +54,11 @@ pub fn extract(
     let points: Vec<f32> = mesh.positions.iter().flat_map(|p| p.to_array()).collect();
     // Seen from straight above the surface.
     let directions: Vec<f32> = mesh.normals.iter().flat_map(|n| (-*n).to_array()).collect();
-    let geometry = scene.object.geometry(&points);
-    let colours = scene.object.colour(&geometry, &points, &directions, &[]);
+    let geometry = scene.fields.object.geometry(&points);
+    let colours = scene
+        .fields
+        .object
+        .colour(&geometry, &points, &directions, &[]);
     Ok(WorldMesh {
         positions: mesh
             .positions

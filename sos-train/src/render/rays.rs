@@ -5,18 +5,17 @@ use std::sync::Arc;
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 use glam::Vec3;
-use neus_render::composite::{
-    self, CompositeConfig, background_column, column, composite, object_column,
-};
-use neus_render::march::{Grids, Jitter, MarchConfig};
+use neus_render::composite::{background_column, column, object_column};
+use neus_render::march::{Jitter, MarchConfig};
 use neus_render::rays::Ray;
-use scene_decomp::FrozenSurface;
 use scene_decomp::probability::ProbabilityMap;
 
-use crate::config::{AlphaSource, TrainConfig, Transparency};
-use crate::train::batch::{BatchMarcher, FieldSamples};
+use crate::config::{AlphaSource, Blend, TrainConfig, Transparency};
+use crate::train::batch::{BatchMarcher, MarchedBatch};
+use crate::train::blend::blend;
 use crate::train::grids::FieldGrids;
 use crate::train::step::density_of;
+use crate::train::visible::{FrozenFields, Look, composite_config};
 
 /// Rays whose samples are in memory at once.
 const CHUNK: usize = 8192;
@@ -24,18 +23,16 @@ const CHUNK: usize = 8192;
 /// A trained scene, frozen.
 #[derive(Debug)]
 pub struct FrozenScene {
-    /// FoCoR.
-    pub object: FrozenSurface,
-    /// BaCo.
-    pub background: FrozenSurface,
-    /// `b` of both fields.
-    pub sharpness: [f32; 2],
+    /// FoCoR and BaCo.
+    pub fields: FrozenFields,
     /// Occupied space.
     pub grids: FieldGrids,
     /// m^P.
     pub map: ProbabilityMap,
     /// The run's settings.
     pub config: TrainConfig,
+    /// Steps trained.
+    pub step: u32,
 }
 
 /// What a ray met. Colours are straight, sRGB in `[0, 1]`.
@@ -57,101 +54,181 @@ pub struct RenderedRay {
     pub background_distance: f32,
 }
 
+/// What of a ray is marched.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Extent {
+    /// Everything.
+    All,
+    /// Up to where it leaves the object's box.
+    Box,
+    /// FoCoR alone.
+    Object,
+}
+
 impl FrozenScene {
     /// Renders `rays` of the normalised frame.
     #[must_use]
     pub fn render(&self, rays: &[Ray]) -> Vec<RenderedRay> {
         let mut marcher = BatchMarcher::default();
         rays.chunks(CHUNK)
-            .flat_map(|chunk| self.render_chunk(chunk, &mut marcher))
+            .flat_map(|chunk| {
+                let marched = self.march(chunk, &mut marcher, Extent::All);
+                let look = self.fields.look(&marched, &self.config, 1.0);
+                self.render_marched(&marched, &look)
+            })
             .collect()
     }
 
-    fn render_chunk(&self, rays: &[Ray], marcher: &mut BatchMarcher) -> Vec<RenderedRay> {
+    /// The mattes of `rays` alone: no colours are computed, unless the matte depends on them.
+    #[must_use]
+    pub fn mattes(&self, rays: &[Ray]) -> Vec<f32> {
+        let model = &self.config.model;
+        if model.alpha != AlphaSource::Opacity || model.blend != Blend::Sample {
+            return self.render(rays).iter().map(|ray| ray.matte).collect();
+        }
+        let mut marcher = BatchMarcher::default();
+        rays.chunks(CHUNK)
+            .flat_map(|chunk| {
+                // Most rays past the object meet none of its samples: they need no more than that.
+                let object = self.march(chunk, &mut marcher, Extent::Object);
+                let offsets = object.packing.object_offsets();
+                let hit: Vec<usize> = (0..chunk.len())
+                    .filter(|&ray| offsets[ray + 1] > offsets[ray])
+                    .collect();
+                let rays: Vec<Ray> = hit.iter().map(|&ray| chunk[ray]).collect();
+                let marched = self.march(&rays, &mut marcher, Extent::Box);
+                let marched = before_the_object(&marched);
+                let look = self.fields.look(&marched, &self.config, 1.0);
+                let mut mattes = vec![0.0f32; chunk.len()];
+                for (&ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
+                    mattes[hit[ray as usize]] += seen.weight;
+                }
+                mattes.into_iter().map(|matte| matte.clamp(0.0, 1.0))
+            })
+            .collect()
+    }
+
+    /// Where half of each ray's light has come from: distances in the normalised frame, infinite where
+    /// that is behind the box.
+    #[must_use]
+    pub fn median_distances(&self, rays: &[Ray]) -> Vec<f32> {
+        let mut marcher = BatchMarcher::default();
+        rays.chunks(CHUNK)
+            .flat_map(|chunk| {
+                let marched = self.march(chunk, &mut marcher, Extent::Box);
+                let look = self.fields.look(&marched, &self.config, 1.0);
+                let mut weights = vec![0.0f32; chunk.len()];
+                let mut distances = vec![f32::INFINITY; chunk.len()];
+                let packing = &marched.packing;
+                // In front-to-back order within each field; where both have samples, each finds
+                // its own median, and the nearer one counts.
+                for (samples, intervals, seen) in [
+                    (&marched.object, packing.object(), &look.visibility.object),
+                    (
+                        &marched.background,
+                        packing.background(),
+                        &look.visibility.background,
+                    ),
+                ] {
+                    for (i, &ray) in samples.ray.iter().enumerate() {
+                        let ray = ray as usize;
+                        weights[ray] += seen[i].weight;
+                        if weights[ray] >= 0.5 {
+                            let t = packing.t()[intervals[i] as usize];
+                            distances[ray] = distances[ray].min(t);
+                        }
+                    }
+                }
+                distances
+            })
+            .collect()
+    }
+
+    fn march(&self, rays: &[Ray], marcher: &mut BatchMarcher, extent: Extent) -> MarchedBatch {
         let sampling = &self.config.sampling;
         let march = MarchConfig {
             step_object: 2.0 / sampling.object_steps as f32,
             background_stride: crate::train::BACKGROUND_STRIDE,
             background_samples: sampling.background_samples,
+            behind_box: extent == Extent::All,
             jitter: Jitter::Fixed,
             ..MarchConfig::default()
         };
-        let grids = Grids {
-            object: Some(&self.grids.object),
-            background: Some(&self.grids.background),
-        };
-        let crop = self.config.prepare.crop_threshold;
-        let marched = marcher.march(rays, grids, &march, &self.map, crop);
-        let object = self.object_rows(&marched.object);
-        let background = self.background_rows(&marched.background);
-        let packing = Arc::new(marched.packing);
-        let joint = self.composite(object.clone(), background.clone(), &packing);
-        // The background's own depth: the same op with the object left out.
-        let alone = Arc::new(composite::Packing::new(
-            packing.ray_offsets().to_vec(),
-            packing.t().to_vec(),
-            packing.dt().to_vec(),
-            Vec::new(),
-            packing.background().to_vec(),
-        ));
-        let alone = self.composite(Vec::new(), background, &alone);
-        joint
-            .chunks_exact(column::COUNT)
-            .zip(alone.chunks_exact(column::COUNT))
-            .map(|(row, alone)| rendered(row, alone))
-            .collect()
+        let (mut grids, partition) =
+            crate::train::space(&self.config, self.step, &self.grids, &self.map);
+        if extent == Extent::Object {
+            grids.background = None;
+        }
+        marcher.march(rays, grids, &march, partition)
     }
 
-    fn composite(
-        &self,
-        object: Vec<f32>,
-        background: Vec<f32>,
-        packing: &Arc<composite::Packing>,
-    ) -> Vec<f32> {
+    /// Colours of the samples that light reaches, in both fields alone and together.
+    fn render_marched(&self, marched: &MarchedBatch, look: &Look) -> Vec<RenderedRay> {
+        let (object, background) = (look.object_reached(), look.background_reached(|_| true));
+        let kept = marched.keep(&object, &background);
+        let object = self.object_rows(&kept, look, &object);
+        let background = self.background_rows(&kept, look, &background);
+        let depths = background_depths(marched, look);
         let device = Device::flex();
         let tensor = |values: Vec<f32>, columns: usize| {
             let rows = values.len() / columns;
             Tensor::<2>::from_data(TensorData::new(values, [rows, columns]), &device)
         };
-        let out = composite(
+        let pixels = blend(
             tensor(object, object_column::COUNT),
             tensor(background, background_column::COUNT),
-            Tensor::from_floats(self.sharpness, &device),
-            packing.clone(),
-            CompositeConfig {
-                background: match self.config.model.background {
-                    Transparency::Sdf => composite::Transparency::Sdf,
-                    Transparency::Density => composite::Transparency::Density,
-                },
-                ..CompositeConfig::default()
-            },
+            Tensor::from_floats(self.fields.sharpness, &device),
+            Arc::new(kept.packing),
+            composite_config(&self.config, 1.0),
+            &self.config.model,
         );
-        out.into_data().try_to_vec::<f32>().unwrap_or_default()
+        let list = |of: Tensor<2>| of.into_data().try_to_vec::<f32>().unwrap_or_default();
+        let (rendered, colour, matte) = (
+            list(pixels.rendered),
+            list(pixels.colour),
+            list(pixels.matte),
+        );
+        let looks = rendered.chunks_exact(column::COUNT).zip(depths);
+        looks
+            .zip(colour.chunks_exact(3).zip(matte))
+            .map(|((row, depth), (joint, matte))| RenderedRay {
+                matte: matte.clamp(0.0, 1.0),
+                joint: Vec3::from_slice(joint).clamp(Vec3::ZERO, Vec3::ONE),
+                ..of_fields(row, depth)
+            })
+            .collect()
     }
 
-    fn object_rows(&self, at: &FieldSamples) -> Vec<f32> {
-        let geometry = self.object.geometry(&at.points);
+    fn object_rows(&self, kept: &MarchedBatch, look: &Look, chosen: &[u32]) -> Vec<f32> {
+        let at = &kept.object;
+        let geometry = look.object.select(chosen);
+        let views = self.views(&at.directions);
         let colour = self
+            .fields
             .object
-            .colour(&geometry, &at.points, &at.directions, &[]);
+            .colour(&geometry, &at.points, &views, &[]);
         let mut rows = Vec::with_capacity(at.len() * object_column::COUNT);
         for (i, colour) in colour.chunks_exact(4).enumerate() {
             let direction = Vec3::from_slice(&at.directions[3 * i..]);
             rows.extend([geometry.sdf(i), geometry.normal(i).dot(direction)]);
-            rows.extend(&colour[..3]);
-            rows.push(match self.config.model.alpha {
-                AlphaSource::Opacity => 1.0,
-                AlphaSource::Head | AlphaSource::Both => colour[3],
-            });
+            rows.extend(colour);
         }
         rows
     }
 
-    fn background_rows(&self, at: &FieldSamples) -> Vec<f32> {
-        let geometry = self.background.geometry(&at.points);
-        let colour = self
-            .background
-            .colour(&geometry, &at.points, &at.directions, &at.probability);
+    /// The directions that colours depend on.
+    fn views(&self, directions: &[f32]) -> Vec<f32> {
+        let share = self.fields.view_share;
+        directions.iter().map(|d| share * d).collect()
+    }
+
+    fn background_rows(&self, kept: &MarchedBatch, look: &Look, chosen: &[u32]) -> Vec<f32> {
+        let at = &kept.background;
+        let geometry = look.background.select(chosen);
+        let colour =
+            self.fields
+                .background
+                .colour(&geometry, &at.points, &at.directions, &at.probability);
         let mut rows = Vec::with_capacity(at.len() * background_column::COUNT);
         for (i, colour) in colour.chunks_exact(3).enumerate() {
             let direction = Vec3::from_slice(&at.directions[3 * i..]);
@@ -166,7 +243,45 @@ impl FrozenScene {
     }
 }
 
-fn rendered(row: &[f32], alone: &[f32]) -> RenderedRay {
+/// Leaves out the background behind each ray's last sample of the object, which no matte depends on.
+fn before_the_object(marched: &MarchedBatch) -> MarchedBatch {
+    let packing = &marched.packing;
+    let last: Vec<Option<u32>> = packing
+        .object_offsets()
+        .windows(2)
+        .map(|rows| (rows[1] > rows[0]).then(|| packing.object()[rows[1] as usize - 1]))
+        .collect();
+    let object: Vec<u32> = (0..marched.object.len() as u32).collect();
+    let background: Vec<u32> = (0..marched.background.len() as u32)
+        .filter(|&i| {
+            let ray = marched.background.ray[i as usize] as usize;
+            last[ray].is_some_and(|last| packing.background()[i as usize] <= last)
+        })
+        .collect();
+    marched.keep(&object, &background)
+}
+
+/// Where half of the background's own light has come from, with the object left out; 0 where there
+/// is none. A mean would not do: what little light is left at the end of a ray comes from very far.
+fn background_depths(marched: &MarchedBatch, look: &Look) -> Vec<f32> {
+    let packing = &marched.packing;
+    let seen = &look.visibility.background;
+    packing
+        .background_offsets()
+        .windows(2)
+        .map(|rows| {
+            let (first, end) = (rows[0] as usize, rows[1] as usize);
+            // Behind the first sample that lets through less than half lies nothing; the last one
+            // is opaque.
+            (first..end)
+                .find(|&i| i + 1 == end || seen[i + 1].alone < 0.5)
+                .map_or(0.0, |i| packing.t()[packing.background()[i] as usize])
+        })
+        .collect()
+}
+
+/// What the fields look like by themselves.
+fn of_fields(row: &[f32], background_distance: f32) -> RenderedRay {
     let colour = |first: usize, opacity: f32| {
         if opacity > 1e-4 {
             (Vec3::from_slice(&row[first..]) / opacity).clamp(Vec3::ZERO, Vec3::ONE)
@@ -175,15 +290,13 @@ fn rendered(row: &[f32], alone: &[f32]) -> RenderedRay {
         }
     };
     let opacity = row[column::OBJECT_OPACITY];
-    let behind = alone[column::BACKGROUND_OPACITY];
     let distance = |depth: f32, opacity: f32| if opacity > 0.05 { depth / opacity } else { 0.0 };
     RenderedRay {
-        matte: row[column::MATTE].clamp(0.0, 1.0),
-        joint: colour(column::JOINT_COLOUR, row[column::JOINT_OPACITY]),
         object: colour(column::OBJECT_COLOUR, opacity),
         background: colour(column::BACKGROUND_COLOUR, row[column::BACKGROUND_OPACITY]),
-        background_opacity: behind,
+        background_opacity: row[column::BACKGROUND_OPACITY],
         object_distance: distance(row[column::OBJECT_DEPTH], opacity),
-        background_distance: distance(alone[column::JOINT_DEPTH], behind),
+        background_distance,
+        ..RenderedRay::default()
     }
 }

@@ -7,9 +7,9 @@ use super::rays::FrozenScene;
 use crate::prepare::Prepared;
 
 /// Pixels between the rays of the survey.
-const STRIDE: u32 = 8;
+const STRIDE: u32 = 4;
 /// How much further than the survey's depth a point may lie and still count as seen.
-const DEPTH_TOLERANCE: f32 = 0.05;
+const DEPTH_TOLERANCE: f32 = 0.03;
 /// A matte above this hides what is behind.
 const HIDDEN: f32 = 0.2;
 
@@ -95,15 +95,18 @@ impl CoarseView {
         let x = ((pixel.x / STRIDE as f32) as usize).min(self.width - 1);
         let y = ((pixel.y / STRIDE as f32) as usize).min(self.height - 1);
         let away = point.distance(self.world_from_camera.translation.into());
-        // The neighbourhood's farthest depth: at a step in depth the raster can't tell which side.
-        let mut farthest = 0.0f32;
+        // The neighbourhood's median depth: single rays slip through a porous surface.
+        let mut depths = Vec::with_capacity(9);
         let mut hidden = false;
         for y in y.saturating_sub(1)..(y + 2).min(self.height) {
             for x in x.saturating_sub(1)..(x + 2).min(self.width) {
-                farthest = farthest.max(self.distance[y * self.width + x]);
+                depths.push(self.distance[y * self.width + x]);
+                // So close to the outline the raster can't tell which side.
+                hidden |= self.matte[y * self.width + x] > HIDDEN;
             }
         }
-        hidden |= self.matte[y * self.width + x] > HIDDEN;
-        !hidden && away <= farthest * (1.0 + DEPTH_TOLERANCE)
+        depths.sort_by(f32::total_cmp);
+        let depth = depths[depths.len() / 2];
+        !hidden && away <= depth * (1.0 + DEPTH_TOLERANCE)
     }
 }

@@ -6,10 +6,12 @@ use neus_render::rays::Ray;
 use super::rays::{FrozenScene, RenderedRay};
 use super::survey::Survey;
 use crate::export::ViewRender;
-use crate::prepare::Prepared;
+use crate::prepare::{Prepared, outline};
 
 /// Mattes that differ by more than this from a neighbour's make an edge.
 const EDGE: f32 = 0.05;
+/// Mattes below this, less than a 16 bit picture's step times 64, have no colour.
+const LEAST_ALPHA: f32 = 1e-3;
 /// How far around the object the plate is taken from BaCo instead of the photo, in pixels.
 const PLATE_REACH: i32 = 3;
 
@@ -29,21 +31,32 @@ pub fn render_view(
     let centre = |i: u32| Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
 
     // Only where the object can be: elsewhere its matte is zero and the plate is the photo.
+    let candidates = outline::candidates(view, &data.frame, &scene.map, &scene.config.prepare);
     let (mut at, mut rays) = (Vec::new(), Vec::new());
-    for &i in &grown(&data.outlines[index].candidates, width, height, PLATE_REACH) {
+    for &i in &candidates {
         if let Some(ray) = ray_at(centre(i)) {
             at.push(i);
             rays.push(ray);
         }
     }
-    let rendered = scene.render(&rays);
     let mut alpha = vec![0.0f32; pixels];
-    let mut hits: Vec<Option<usize>> = vec![None; pixels];
-    for (k, (&i, hit)) in at.iter().zip(&rendered).enumerate() {
-        alpha[i as usize] = hit.matte;
-        hits[i as usize] = Some(k);
+    for (&i, matte) in at.iter().zip(scene.mattes(&rays)) {
+        alpha[i as usize] = matte;
     }
     supersample(scene, &ray_at, &at, width, height, &mut alpha);
+
+    // Colours only where something of the object is, and close by for the plate's seam.
+    let visible: Vec<u32> = (0..width * height)
+        .filter(|&i| alpha[i as usize] > LEAST_ALPHA)
+        .collect();
+    let (mut hits, mut rays): (Vec<Option<usize>>, _) = (vec![None; pixels], Vec::new());
+    for &i in &grown(&visible, width, height, PLATE_REACH) {
+        if let Some(ray) = ray_at(centre(i)) {
+            hits[i as usize] = Some(rays.len());
+            rays.push(ray);
+        }
+    }
+    let rendered = scene.render(&rays);
 
     let reach = reach_of(&alpha, width, height);
     let mut out = ViewRender {
@@ -100,7 +113,7 @@ fn decontaminated(photo: Vec3, hit: &RenderedRay, alpha: f32) -> Vec3 {
     if alpha >= 0.995 {
         return photo;
     }
-    if alpha < 1.0 / 512.0 {
+    if alpha < LEAST_ALPHA {
         return hit.object;
     }
     let solved = ((photo - (1.0 - alpha) * hit.background) / alpha).clamp(Vec3::ZERO, Vec3::ONE);
@@ -115,7 +128,7 @@ fn object_normals(scene: &FrozenScene, rays: &[Ray], rendered: &[RenderedRay]) -
         .zip(rendered)
         .flat_map(|(ray, hit)| ray.at(hit.object_distance).to_array())
         .collect();
-    let geometry = scene.object.geometry(&points);
+    let geometry = scene.fields.object.geometry(&points);
     (0..rays.len())
         .map(|i| geometry.normal(i).normalize_or_zero())
         .collect()
@@ -164,8 +177,8 @@ fn supersample(
         }
     }
     let mut sums = vec![(0.0f32, 0u32); alpha.len()];
-    for (&i, hit) in owner.iter().zip(scene.render(&rays)) {
-        sums[i].0 += hit.matte;
+    for (&i, matte) in owner.iter().zip(scene.mattes(&rays)) {
+        sums[i].0 += matte;
         sums[i].1 += 1;
     }
     for (alpha, (sum, count)) in alpha.iter_mut().zip(sums) {

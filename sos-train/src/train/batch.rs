@@ -3,8 +3,9 @@
 use glam::Vec3;
 use neus_render::composite::Packing;
 use neus_render::contraction::contract;
-use neus_render::march::{Field, Grids, Intervals, MarchConfig, Marcher, Samples};
+use neus_render::march::{Grids, Intervals, MarchConfig, Marcher};
 use neus_render::rays::Ray;
+use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
 /// Where a field is evaluated, in its own frame; point-major lists.
@@ -18,6 +19,9 @@ pub struct FieldSamples {
     pub probability: Vec<f32>,
     /// The ray that each sample belongs to, `[m]`.
     pub ray: Vec<u32>,
+    /// Factor on a density, for a sample that stands for several, `[m]`; empty where each stands for
+    /// itself.
+    pub stretch: Vec<f32>,
 }
 
 impl FieldSamples {
@@ -33,11 +37,56 @@ impl FieldSamples {
         self.ray.is_empty()
     }
 
+    fn with_capacity(samples: usize) -> Self {
+        Self {
+            points: Vec::with_capacity(3 * samples),
+            directions: Vec::with_capacity(3 * samples),
+            probability: Vec::with_capacity(samples),
+            ray: Vec::with_capacity(samples),
+            stretch: Vec::new(),
+        }
+    }
+
+    /// The samples with these numbers.
+    #[must_use]
+    pub fn select(&self, chosen: &[u32]) -> Self {
+        let mut out = Self::with_capacity(chosen.len());
+        for i in chosen.iter().map(|&i| i as usize) {
+            out.points.extend_from_slice(&self.points[3 * i..3 * i + 3]);
+            out.directions
+                .extend_from_slice(&self.directions[3 * i..3 * i + 3]);
+            out.probability.extend(self.probability.get(i));
+            out.ray.push(self.ray[i]);
+        }
+        out
+    }
+
+    fn append(&mut self, other: &Self) {
+        self.points.extend_from_slice(&other.points);
+        self.directions.extend_from_slice(&other.directions);
+        self.probability.extend_from_slice(&other.probability);
+        self.ray.extend_from_slice(&other.ray);
+    }
+
     fn push(&mut self, point: Vec3, direction: Vec3, ray: u32) {
         self.points.extend(point.to_array());
         self.directions.extend(direction.to_array());
         self.ray.push(ray);
     }
+}
+
+/// Length of a ray's last interval: what lies there is opaque whatever its density, as the sky is.
+const BACKDROP: f32 = 1e4;
+
+/// Which parts of the box each field may fill, by m^P.
+#[derive(Clone, Copy, Debug)]
+pub struct Partition<'a> {
+    /// m^P.
+    pub map: &'a ProbabilityMap,
+    /// FoCoR is asked where m^P reaches this.
+    pub hull: f32,
+    /// BaCo is transparent where m^P reaches this (method: BaCo's crop).
+    pub crop: f32,
 }
 
 /// A batch of rays, marched.
@@ -51,72 +100,129 @@ pub struct MarchedBatch {
     pub background: FieldSamples,
 }
 
+impl MarchedBatch {
+    /// The samples with these row numbers only (ascending), of either field.
+    #[must_use]
+    pub fn keep(&self, object: &[u32], background: &[u32]) -> Self {
+        let intervals = |of: &[u32], rows: &[u32]| rows.iter().map(|&i| of[i as usize]).collect();
+        Self {
+            packing: Packing::new(
+                self.packing.ray_offsets().to_vec(),
+                self.packing.t().to_vec(),
+                self.packing.dt().to_vec(),
+                intervals(self.packing.object(), object),
+                intervals(self.packing.background(), background),
+            ),
+            object: self.object.select(object),
+            background: self.background.select(background),
+        }
+    }
+}
+
 /// Marches rays through both grids and keeps its memory.
 #[derive(Debug, Default)]
 pub struct BatchMarcher {
     marcher: Marcher,
     intervals: Intervals,
-    object: Samples,
-    background: Samples,
+}
+
+/// Rays that one task turns into samples.
+const CHUNK: usize = 64;
+
+/// The samples of some neighbouring rays.
+#[derive(Default)]
+struct Part {
+    object: FieldSamples,
+    object_intervals: Vec<u32>,
+    background: FieldSamples,
+    background_intervals: Vec<u32>,
+    /// Lengths in contracted space, of the intervals outside the box.
+    lengths: Vec<(u32, f32)>,
 }
 
 impl BatchMarcher {
-    /// Marches `rays`. BaCo is not asked where m^P reaches `crop`: there it is transparent
-    /// (method: BaCo's crop).
+    /// Marches `rays`; neither field is asked where the `partition` gives space to the other.
     pub fn march(
         &mut self,
         rays: &[Ray],
         grids: Grids<'_>,
         config: &MarchConfig,
-        map: &ProbabilityMap,
-        crop: f32,
+        partition: Partition<'_>,
     ) -> MarchedBatch {
         self.marcher.march(rays, grids, config, &mut self.intervals);
-        self.intervals
-            .samples_into(Field::Object, rays, &mut self.object);
-        self.intervals
-            .samples_into(Field::Background, rays, &mut self.background);
-        let mut object = FieldSamples::default();
-        for (&ray, &point) in self.object.ray.iter().zip(&self.object.points) {
-            object.push(point, rays[ray as usize].direction, ray);
-        }
-        let mut dt = self.intervals.dt.clone();
-        let mut background = FieldSamples::default();
-        let mut kept = Vec::with_capacity(self.background.len());
-        for (i, &interval) in self.background.interval.iter().enumerate() {
-            let (ray_index, point) = (self.background.ray[i], self.background.points[i]);
-            let probability = map.at(point);
-            if probability >= crop {
-                continue;
+        let intervals = &self.intervals;
+        let parts: Vec<Part> = rays
+            .par_chunks(CHUNK)
+            .enumerate()
+            .map(|(chunk, rays)| {
+                let mut part = Part::default();
+                for (i, ray) in rays.iter().enumerate() {
+                    part.add(chunk * CHUNK + i, ray, intervals, partition);
+                }
+                part
+            })
+            .collect();
+        let mut dt = intervals.dt.clone();
+        let total = |count: fn(&Part) -> usize| parts.iter().map(count).sum::<usize>();
+        let mut object = FieldSamples::with_capacity(total(|p| p.object.len()));
+        let mut background = FieldSamples::with_capacity(total(|p| p.background.len()));
+        let (mut object_intervals, mut background_intervals) = (Vec::new(), Vec::new());
+        for part in parts {
+            object.append(&part.object);
+            background.append(&part.background);
+            object_intervals.extend(part.object_intervals);
+            background_intervals.extend(part.background_intervals);
+            for (interval, length) in part.lengths {
+                dt[interval as usize] = length;
             }
-            let ray = &rays[ray_index as usize];
-            let interval = interval as usize;
-            // Outside the box the field lives in contracted space, and so do steps along the ray.
-            let direction = if point.abs().max_element() > 1.0 {
-                let t = self.intervals.t[interval];
-                let half = 0.5 * self.intervals.dt[interval];
-                let across = contract(ray.at(t + half)) - contract(ray.at(t - half));
-                let length = across.length();
-                dt[interval] = length;
-                across / length.max(1e-12)
-            } else {
-                ray.direction
-            };
-            background.push(contract(point), direction, ray_index);
-            background.probability.push(probability);
-            kept.push(interval as u32);
         }
         let packing = Packing::new(
-            self.intervals.ray_offsets.clone(),
-            self.intervals.t.clone(),
+            intervals.ray_offsets.clone(),
+            intervals.t.clone(),
             dt,
-            self.object.interval.clone(),
-            kept,
+            object_intervals,
+            background_intervals,
         );
         MarchedBatch {
             packing,
             object,
             background,
+        }
+    }
+}
+
+impl Part {
+    fn add(&mut self, number: usize, ray: &Ray, intervals: &Intervals, partition: Partition<'_>) {
+        let range = intervals.ray_offsets[number]..intervals.ray_offsets[number + 1];
+        for interval in range.clone() {
+            let i = interval as usize;
+            let (object, background) = (intervals.object[i], intervals.background[i]);
+            let point = ray.at(intervals.t[i]);
+            let inside = point.abs().max_element() <= 1.0;
+            let probability = if inside { partition.map.at(point) } else { 0.0 };
+            if object && probability >= partition.hull {
+                self.object.push(point, ray.direction, number as u32);
+                self.object_intervals.push(interval);
+            }
+            if !background || probability >= partition.crop {
+                continue;
+            }
+            // Outside the box the field lives in contracted space, and so do steps along the ray.
+            let direction = if inside {
+                ray.direction
+            } else {
+                let (t, half) = (intervals.t[i], 0.5 * intervals.dt[i]);
+                let across = contract(ray.at(t + half)) - contract(ray.at(t - half));
+                let length = across.length();
+                let last = interval + 1 == range.end;
+                self.lengths
+                    .push((interval, if last { BACKDROP } else { length }));
+                across / length.max(1e-12)
+            };
+            self.background
+                .push(contract(point), direction, number as u32);
+            self.background.probability.push(probability);
+            self.background_intervals.push(interval);
         }
     }
 }

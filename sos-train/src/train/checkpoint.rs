@@ -9,9 +9,11 @@ use std::path::{Path, PathBuf};
 
 use burn::module::Module;
 use burn::store::ModuleRecord;
+use scene_decomp::SurfaceVotes;
+use scene_decomp::probability::ProbabilityMap;
 use serde::{Deserialize, Serialize};
 
-use super::Trainer;
+use super::{OVERLAP, Trainer};
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
 use crate::render::rays::FrozenScene;
@@ -34,21 +36,22 @@ const OPTIMISER: &str = "optimiser.bpk";
 const SHARPNESS_OPTIMISER: &str = "sharpness_optimiser.bpk";
 const MOMENTS: [&str; 2] = ["object_moments.f32", "background_moments.f32"];
 const OCCUPANCY: [&str; 2] = ["object_occupancy.f32", "background_occupancy.f32"];
+const VOTES: [&str; 2] = ["object_votes.f32", "votes.f32"];
+const MAP: &str = "probability.f32";
 const NUMBERS: &str = "numbers.json";
 
 impl Trainer {
     /// The scene as it is now, for rendering.
     #[must_use]
-    pub fn freeze(&self, data: &Prepared) -> FrozenScene {
+    pub fn freeze(&self) -> FrozenScene {
         let config = self.config().clone();
         let levels = self.context.object_layout.levels.len();
-        let active = super::schedule::at(&config, self.step, levels).active_levels;
+        let schedule = super::schedule::at(&config, self.step, levels);
         FrozenScene {
-            object: self.freeze_object(active),
-            background: self.freeze_background(active),
-            sharpness: self.sharpness(),
+            fields: self.freeze_fields(schedule),
             grids: self.grids.clone(),
-            map: data.map.clone(),
+            map: self.map.clone(),
+            step: self.step,
             config,
         }
     }
@@ -94,6 +97,10 @@ impl Trainer {
         {
             write_floats(&path(name), grid.values())?;
         }
+        for (name, votes) in VOTES.iter().zip(self.votes.values()) {
+            write_floats(&path(name), votes)?;
+        }
+        write_floats(&path(MAP), self.map.values())?;
         let numbers = Numbers {
             step: self.step,
             rays: self.rays,
@@ -152,6 +159,21 @@ impl Trainer {
                 numbers.background_adam_step,
             )
             .map_err(|e| unusable(path(MOMENTS[1]), &e))?;
+        let misfit = |what: &str| PrepareError::Checkpoint {
+            path: folder.clone(),
+            what: format!("its {what} has another resolution"),
+        };
+        let resolution = self.map.resolution();
+        let [object, total] = [read_floats(&path(VOTES[0]))?, read_floats(&path(VOTES[1]))?];
+        self.votes = SurfaceVotes::from_values(resolution, object, total)
+            .ok_or_else(|| misfit("record of votes"))?;
+        let map = read_floats(&path(MAP))?;
+        if map.len() != resolution.pow(3) {
+            return Err(misfit("probability map").into());
+        }
+        self.map = ProbabilityMap::new(resolution, map);
+        let threshold = self.config().prepare.crop_threshold - OVERLAP;
+        self.grids.allow(&self.map, threshold);
         self.grids
             .restore(
                 &read_floats(&path(OCCUPANCY[0]))?,

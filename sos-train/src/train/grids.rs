@@ -2,12 +2,19 @@
 
 use glam::Vec3;
 use neus_render::occupancy::OccupancyGrid;
-use rand::RngExt;
+use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 use scene_decomp::{BACKGROUND_HALF_SIDE, FrozenSurface};
 
-use super::sampler::step_random;
 use crate::config::Transparency;
+
+/// A cell whose opacity (1 - exp) stays below this is nothing.
+const VISIBLE: f32 = 0.01;
+/// What a cell keeps of its value when it is asked again. A thin surface fills little of a cell, so
+/// that many answers miss it.
+const DECAY: f32 = 0.8;
+/// The same for the object, whose distance tells as much anywhere in the cell.
+const OBJECT_DECAY: f32 = 0.2;
 
 /// Occupied space of both fields.
 #[derive(Clone, Debug)]
@@ -31,37 +38,62 @@ pub struct GridRule {
 
 impl FieldGrids {
     /// All allowed cells occupied. FoCoR is allowed where m^P, looked up at a cell's corners and
-    /// centre, reaches `hull_threshold`.
+    /// centre, reaches `threshold`.
     #[must_use]
-    pub fn new(resolution: u32, map: &ProbabilityMap, hull_threshold: f32) -> Self {
-        let mut object = OccupancyGrid::new(resolution, 1.0).with_decay(0.6);
-        let half = 0.5 * object.cell_size();
-        let allowed: Vec<u32> = (0..object.cell_count() as u32)
+    pub fn new(resolution: u32, map: &ProbabilityMap, threshold: f32) -> Self {
+        let mut background = OccupancyGrid::new(resolution, BACKGROUND_HALF_SIDE).with_decay(DECAY);
+        background.set_all(2.0 * VISIBLE);
+        let mut grids = Self {
+            object: OccupancyGrid::new(resolution, 1.0).with_decay(OBJECT_DECAY),
+            background,
+            allowed: Vec::new(),
+        };
+        grids.allow(map, threshold);
+        grids
+    }
+
+    /// Follows a new m^P: cells that are allowed from now on are occupied until they have been asked,
+    /// others are empty.
+    pub fn allow(&mut self, map: &ProbabilityMap, threshold: f32) {
+        let grid = &mut self.object;
+        let half = 0.5 * grid.cell_size();
+        let mut before = vec![false; grid.cell_count()];
+        for &cell in &self.allowed {
+            before[cell as usize] = true;
+        }
+        self.allowed = (0..grid.cell_count() as u32)
+            .into_par_iter()
             .filter(|&cell| {
-                let centre = object.centre_of(cell);
-                (0..9).any(|corner| {
-                    let offset = match corner {
-                        8 => Vec3::ZERO,
-                        c => Vec3::new(
-                            if c & 1 == 0 { -half } else { half },
-                            if c & 2 == 0 { -half } else { half },
-                            if c & 4 == 0 { -half } else { half },
-                        ),
-                    };
-                    map.at(centre + offset) >= hull_threshold
+                let centre = grid.centre_of(cell);
+                let value = map.at(centre);
+                // m^P is smooth enough that a corner differs by less than this.
+                if (value - threshold).abs() > 0.35 {
+                    return value >= threshold;
+                }
+                (0..8).any(|corner| {
+                    let offset = Vec3::new(
+                        if corner & 1 == 0 { -half } else { half },
+                        if corner & 2 == 0 { -half } else { half },
+                        if corner & 4 == 0 { -half } else { half },
+                    );
+                    map.at(centre + offset) >= threshold
                 })
             })
             .collect();
-        object.update(&allowed, &vec![1.0; allowed.len()]);
-        object.rebuild_bits(0.5);
-        let mut background = OccupancyGrid::new(resolution, BACKGROUND_HALF_SIDE).with_decay(0.6);
-        background.set_all(1.0);
-        background.rebuild_bits(0.5);
-        Self {
-            object,
-            background,
-            allowed,
-        }
+        let values: Vec<f32> = self
+            .allowed
+            .iter()
+            .map(|cell| {
+                if before[*cell as usize] {
+                    grid.values()[*cell as usize]
+                } else {
+                    1.0
+                }
+            })
+            .collect();
+        grid.set_all(0.0);
+        grid.update(&self.allowed, &values);
+        grid.rebuild_bits(VISIBLE);
     }
 
     /// Share of the object's allowed cells that are occupied.
@@ -89,51 +121,51 @@ impl FieldGrids {
             let cells: Vec<u32> = (0..values.len() as u32).collect();
             grid.set_all(0.0);
             grid.update(&cells, values);
-            grid.rebuild_bits(0.5);
+            grid.rebuild_bits(VISIBLE);
         }
         Ok(())
     }
 
-    /// Asks the object about a quarter of its allowed cells.
-    pub fn update_object(&mut self, field: &FrozenSurface, rule: GridRule, seed: u64, step: u32) {
-        let mut random = step_random(seed ^ 0x00b1_ec75, step);
+    /// Asks the object about a quarter of its allowed cells; `round` counts the updates.
+    pub fn update_object(&mut self, field: &FrozenSurface, rule: GridRule, seed: u64, round: u32) {
         let cells: Vec<u32> = self
             .allowed
             .iter()
             .copied()
-            .filter(|_| random.random::<f32>() < 0.25)
+            .filter(|&cell| is_due(cell, round, 4))
             .collect();
         let grid = &mut self.object;
-        update(grid, &cells, field, rule, u64::from(step) ^ seed);
-        grid.rebuild_bits(0.5);
+        update(grid, &cells, field, rule, u64::from(round) ^ seed);
+        grid.rebuild_bits(VISIBLE);
     }
 
-    /// Asks the background about a sixteenth of all cells and a quarter of the occupied ones.
+    /// Asks the background about a quarter of the occupied cells and a 64th of the others.
     pub fn update_background(
         &mut self,
         field: &FrozenSurface,
         rule: GridRule,
         seed: u64,
-        step: u32,
+        round: u32,
     ) {
-        let mut random = step_random(seed ^ 0x00ba_c0ba, step);
         let grid = &mut self.background;
         let cells: Vec<u32> = (0..grid.cell_count() as u32)
+            .into_par_iter()
             .filter(|&cell| {
-                let share = if grid.cell_occupied(cell) {
-                    0.25
-                } else {
-                    1.0 / 32.0
-                };
-                random.random::<f32>() < share
+                let every = if grid.cell_occupied(cell) { 4 } else { 64 };
+                is_due(cell, round, every)
             })
             .collect();
-        update(grid, &cells, field, rule, u64::from(step) ^ seed);
-        grid.rebuild_bits(0.5);
+        update(grid, &cells, field, rule, u64::from(round) ^ seed);
+        grid.rebuild_bits(VISIBLE);
     }
 }
 
-/// 1 for cells that may hold something visible, else 0.
+/// Every cell is due once in `every` rounds, neighbours in different ones.
+fn is_due(cell: u32, round: u32, every: u32) -> bool {
+    ((cell.wrapping_mul(0x9e37_79b9) >> 16).wrapping_add(round)).is_multiple_of(every)
+}
+
+/// Renews cells with how opaque the field makes them.
 fn update(
     grid: &mut OccupancyGrid,
     cells: &[u32],
@@ -153,12 +185,10 @@ fn update(
     let values: Vec<f32> = (0..cells.len())
         .map(|i| {
             let value = geometry.sdf(i);
-            let visible = match rule.transparency {
-                Transparency::Sdf => value.abs() < reach,
-                // Less than 1 % opacity across the cell is nothing.
-                Transparency::Density => super::step::density_of(value) * cell > 0.01,
-            };
-            f32::from(u8::from(visible))
+            match rule.transparency {
+                Transparency::Sdf => f32::from(u8::from(value.abs() < reach)),
+                Transparency::Density => -(-super::step::density_of(value) * cell).exp_m1(),
+            }
         })
         .collect();
     grid.update(cells, &values);

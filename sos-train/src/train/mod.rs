@@ -1,32 +1,47 @@
 //! The training loop and what it keeps.
 
 pub mod batch;
+pub mod blend;
+pub mod carve;
 pub mod checkpoint;
+pub mod distortion;
 pub mod grids;
 pub mod run;
 pub mod sampler;
 pub mod schedule;
 pub mod setup;
 pub mod step;
+pub mod visible;
 
 use std::sync::Arc;
 
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use glam::Vec3;
 use hashgrid::{LazyAdam, SparseGrad};
 use neus_render::march::{Grids, Jitter, MarchConfig};
-use scene_decomp::{FrozenSurface, Scene, Sharpness};
+use scene_decomp::probability::ProbabilityMap;
+use scene_decomp::{FrozenSurface, Scene, Sharpness, SurfaceVotes};
 
-use crate::config::{TrainConfig, Transparency};
-use crate::prepare::Prepared;
-use batch::BatchMarcher;
+use crate::config::{AlphaSource, Blend, ProbabilitySource, TrainConfig, Transparency};
+use crate::prepare::{Label, Prepared};
+use batch::{BatchMarcher, MarchedBatch, Partition};
 use grids::{FieldGrids, GridRule};
-use sampler::Sampler;
-use step::{StepContext, StepLosses};
+use sampler::{RayBatch, Sampler, step_random};
+use step::{StepContext, StepLosses, StepSchedule};
+use visible::{FrozenFields, Look, Representatives};
 
 pub use run::run;
 
 /// Steps inside the box that the background alone is marched at once.
-pub(crate) const BACKGROUND_STRIDE: u32 = 4;
+pub(crate) const BACKGROUND_STRIDE: u32 = 2;
+/// By how much of m^P the space that FoCoR may fill reaches into that of BaCo.
+pub(crate) const OVERLAP: f32 = 0.1;
+/// Steps between two updates of m^P from the votes.
+const VOTES_EVERY: u32 = 250;
+/// What votes are worth after each update.
+const VOTES_KEPT: f32 = 0.7;
+/// Lighter samples do not vote.
+const LEAST_VOTE: f32 = 0.02;
 /// How far `s` may stay below its cap: b by a factor of 2.
 const SHARPNESS_SLACK: f32 = 0.07;
 
@@ -40,6 +55,9 @@ pub struct Trainer {
     object_adam: LazyAdam,
     background_adam: LazyAdam,
     grids: FieldGrids,
+    /// m^P as it is now.
+    map: ProbabilityMap,
+    votes: SurfaceVotes,
     sampler: Sampler,
     marcher: BatchMarcher,
     step: u32,
@@ -64,6 +82,8 @@ pub struct StepReport {
     pub background_samples: usize,
     /// Grid levels in use.
     pub active_levels: usize,
+    /// Samples of both fields that were marched, most of them out of sight.
+    pub marched_samples: usize,
 }
 
 impl StepReport {
@@ -129,26 +149,49 @@ impl Trainer {
     /// Does one step.
     pub fn step(&mut self, data: &Prepared) -> StepReport {
         let config = self.context.config.clone();
-        let levels = self.context.object_layout.levels.len();
-        let schedule = schedule::at(&config, self.step, levels);
+        let schedule = self.schedule();
+        if self.step == schedule::carve_step(&config) && self.step > 0 {
+            self.carve(data);
+        }
         if self.step.is_multiple_of(config.sampling.occupancy_every) {
-            self.update_grids(schedule.active_levels);
+            self.update_grids(schedule);
         }
         let batch = self.sampler.draw(data, self.step, self.rays as usize);
         let march = self.march_config();
-        let grids = Grids {
-            object: Some(&self.grids.object),
-            background: Some(&self.grids.background),
+        let (grids, partition) = space(&config, self.step, &self.grids, &self.map);
+        let marched = self.marcher.march(&batch.rays, grids, &march, partition);
+        let marched_samples = marched.object.len() + marched.background.len();
+        let look = self
+            .freeze_fields(schedule)
+            .look(&marched, &config, schedule.cos_anneal);
+        if config.model.probability == ProbabilitySource::Surface {
+            self.vote(data, &batch, &marched, &look);
+        }
+        // Where the background is asked for by itself, it has to be complete behind the object too.
+        let model = &config.model;
+        let both_alone = model.blend == Blend::Ray || model.alpha == AlphaSource::Head;
+        let alone = |ray: usize| both_alone || batch.labels[ray] == Label::Background;
+        let object_rows = look.object_reached();
+        let drawn = match config.model.background {
+            Transparency::Sdf => Representatives::all(
+                look.background_reached(|i| alone(marched.background.ray[i] as usize)),
+            ),
+            Transparency::Density => {
+                let mut random = step_random(config.seed ^ 0x00d4_a3e1, self.step);
+                look.background_drawn(&marched, alone, &mut random)
+            }
         };
-        let crop = config.prepare.crop_threshold;
-        let marched = self
-            .marcher
-            .march(&batch.rays, grids, &march, &data.map, crop);
+        let spread = (config.loss.distortion > 0.0)
+            .then(|| distortion::spread(&marched, &look).select(&object_rows, &drawn.rows));
+        let mut marched = marched.keep(&object_rows, &drawn.rows);
+        marched.background.stretch = drawn.stretch;
+        drop(look);
         let mut report = StepReport {
             rays: batch.rays.len(),
             object_samples: marched.object.len(),
             background_samples: marched.background.len(),
             active_levels: schedule.active_levels,
+            marched_samples,
             ..StepReport::default()
         };
         self.follow_budget(report.object_samples + report.background_samples);
@@ -158,6 +201,7 @@ impl Trainer {
             &self.sharpness,
             &batch,
             &marched,
+            spread.as_ref(),
             schedule,
         );
         self.step += 1;
@@ -173,6 +217,12 @@ impl Trainer {
         report
     }
 
+    /// What the schedules say now.
+    fn schedule(&self) -> StepSchedule {
+        let levels = self.context.object_layout.levels.len();
+        schedule::at(self.config(), self.step, levels)
+    }
+
     /// The hash tables' learning rate at the last step.
     #[must_use]
     pub fn learning_rate(&self) -> f32 {
@@ -184,6 +234,37 @@ impl Trainer {
     #[must_use]
     pub fn empty_batches(&self) -> u32 {
         self.empty_batches
+    }
+
+    /// Has the batch's pixels vote on m^P, and follows the votes every so often.
+    fn vote(&mut self, data: &Prepared, batch: &RayBatch, marched: &MarchedBatch, look: &Look) {
+        let config = &self.context.config;
+        let inside = [
+            (&marched.object, &look.visibility.object),
+            (&marched.background, &look.visibility.background),
+        ];
+        for (samples, visibility) in inside {
+            for (i, seen) in visibility.iter().enumerate() {
+                if seen.weight < LEAST_VOTE {
+                    continue;
+                }
+                if let Some(object) = batch.votes[samples.ray[i] as usize] {
+                    // In the box BaCo's contracted space is the box's own.
+                    let point = Vec3::from_slice(&samples.points[3 * i..]);
+                    self.votes.add(point, seen.weight, object);
+                }
+            }
+        }
+        let due = schedule::progress(config, self.step) >= config.schedule.votes_start;
+        if due && self.step >= schedule::carve_step(config) && self.step.is_multiple_of(VOTES_EVERY)
+        {
+            self.map = self.votes.map(&data.map);
+            let threshold = config.prepare.crop_threshold - OVERLAP;
+            self.grids.allow(&self.map, threshold);
+        }
+        if self.step.is_multiple_of(VOTES_EVERY) {
+            self.votes.fade(VOTES_KEPT);
+        }
     }
 
     fn descend(&mut self, loss: burn::Tensor<1>) {
@@ -255,30 +336,63 @@ impl Trainer {
         )
     }
 
-    fn update_grids(&mut self, active_levels: usize) {
+    /// Both fields without gradients, at the current number of levels.
+    #[must_use]
+    pub fn freeze_fields(&self, schedule: StepSchedule) -> FrozenFields {
+        FrozenFields {
+            object: self.freeze_object(schedule.active_levels),
+            background: self.freeze_background(schedule.background_levels),
+            sharpness: self.sharpness(),
+            view_share: schedule.view_share,
+        }
+    }
+
+    fn update_grids(&mut self, schedule: StepSchedule) {
         let config = self.context.config.clone();
         // For the first steps the fields say nothing yet: everything stays occupied.
         let warm = (0.04 * config.steps as f32).max(64.0) as u32;
         if self.step < warm {
             return;
         }
+        let round = self.step / config.sampling.occupancy_every.max(1);
         let [b_object, b_background] = self.sharpness();
-        let object = self.freeze_object(active_levels);
+        let object = self.freeze_object(schedule.active_levels);
         let rule = GridRule {
             transparency: Transparency::Sdf,
             sharpness: b_object,
         };
-        self.grids
-            .update_object(&object, rule, config.seed, self.step);
+        self.grids.update_object(&object, rule, config.seed, round);
         drop(object);
-        let background = self.freeze_background(active_levels);
+        let background = self.freeze_background(schedule.background_levels);
         let rule = GridRule {
             transparency: config.model.background,
             sharpness: b_background,
         };
         self.grids
-            .update_background(&background, rule, config.seed, self.step);
+            .update_background(&background, rule, config.seed, round);
     }
+}
+
+/// Where each field is marched at `step`: BaCo everywhere until FoCoR is carved out of it, then each
+/// on its side of m^P.
+pub(crate) fn space<'a>(
+    config: &TrainConfig,
+    step: u32,
+    grids: &'a FieldGrids,
+    map: &'a ProbabilityMap,
+) -> (Grids<'a>, Partition<'a>) {
+    let alone = step < schedule::carve_step(config);
+    let crop = config.prepare.crop_threshold;
+    let grids = Grids {
+        object: (!alone).then_some(&grids.object),
+        background: Some(&grids.background),
+    };
+    let partition = Partition {
+        map,
+        hull: crop - OVERLAP,
+        crop: if alone { f32::INFINITY } else { crop },
+    };
+    (grids, partition)
 }
 
 /// Optimisers as the method has them: Adam with an epsilon that suits hash tables.

@@ -6,10 +6,11 @@ use std::time::Instant;
 
 use anyhow::Result;
 use neus_render::rays::Ray;
+use rayon::prelude::*;
 
 use super::Trainer;
 use super::sampler::Sampler;
-use crate::config::{AlphaSource, Blend, TrainConfig};
+use crate::config::TrainConfig;
 use crate::export::{LogRecord, TrainLog, write_mesh, write_view};
 use crate::job::{TrainJob, TrainOutcome};
 use crate::prepare::error::PrepareError;
@@ -27,6 +28,9 @@ const LOG_EVERY: u32 = 50;
 const EMPTY_LIMIT: u32 = 200;
 /// How often a diverged run is set back before it is given up.
 const RESTORE_LIMIT: u32 = 4;
+/// Views rendered at once: while one is compressed the other keeps the cores busy, and no more than
+/// two need room.
+const VIEWS_AT_ONCE: usize = 2;
 /// Rays whose mattes are followed to see how much still changes.
 const PROBES: usize = 1024;
 
@@ -46,11 +50,13 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     {
         progress.note(note);
     }
-    for missing in not_yet(&job.config) {
-        progress.warn(missing);
-    }
     let views = load_views(&job.scene, job.masks.as_ref())?;
-    let data = prepare(views, &job.config.prepare, job.config.loss.ignore_band)?;
+    let data = prepare(
+        views,
+        &job.scene.model.points,
+        &job.config.prepare,
+        job.config.loss.ignore_band,
+    )?;
     for note in &data.notes {
         progress.note(note);
     }
@@ -73,7 +79,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
                 .iter()
                 .chain(&data.notes)
                 .map(String::as_str);
-            for note in notes.chain(not_yet(&job.config)) {
+            for note in notes {
                 log.note(0, note)?;
             }
             log
@@ -92,7 +98,11 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         return Ok(outcome);
     }
     let trained = started.elapsed().as_secs_f64() + earlier_seconds;
-    export(job, &trainer, &data, &progress)?;
+    if !export(job, &trainer, &data, &progress)? {
+        // The last checkpoint has everything: a resumed run goes straight to the pictures.
+        let step = trainer.step_number();
+        return Ok(TrainOutcome::Interrupted { step });
+    }
     let total = started.elapsed().as_secs_f64() + earlier_seconds;
     log.event(
         trainer.step_number(),
@@ -103,23 +113,6 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         ],
     )?;
     Ok(TrainOutcome::Finished)
-}
-
-/// Settings that are accepted but that training does not act on yet, each as a sentence.
-fn not_yet(config: &TrainConfig) -> Vec<&'static str> {
-    let mut missing = Vec::new();
-    if config.model.blend == Blend::Ray {
-        missing.push("model.blend = \"ray\" is not available yet: fields are blended per sample");
-    }
-    if config.model.alpha == AlphaSource::Head {
-        missing.push(
-            "model.alpha = \"head\" is not available yet: the head multiplies the opacity (\"both\")",
-        );
-    }
-    if config.loss.points > 0.0 {
-        missing.push("loss.points is not available yet and has no effect");
-    }
-    missing
 }
 
 fn train(
@@ -165,7 +158,7 @@ fn train(
             let psnr = -10.0 * (mse / steps as f32).max(1e-10).log10();
             let alpha_change = step
                 .is_multiple_of(4 * LOG_EVERY)
-                .then(|| probes.change(trainer, data));
+                .then(|| probes.change(trainer));
             let rate = (samples as f64 / seconds) as f32;
             let [b, b_background] = trainer.sharpness();
             let losses = &report.losses;
@@ -188,6 +181,10 @@ fn train(
                     ("eikonal".to_owned(), losses.eikonal),
                     ("sparsity".to_owned(), losses.sparsity),
                     ("mask".to_owned(), losses.mask),
+                    ("points".to_owned(), losses.points),
+                    ("distortion".to_owned(), losses.distortion),
+                    ("fog".to_owned(), losses.fog),
+                    ("hidden".to_owned(), losses.hidden),
                 ]),
             })?;
             progress.update(&ProgressState {
@@ -199,7 +196,7 @@ fn train(
             (since, samples, mse, steps) = (Instant::now(), 0, 0.0, 0);
         }
         if step.is_multiple_of(config.export.preview_every) && step < config.steps {
-            preview::write(&job.run, &trainer.freeze(data), data)?;
+            preview::write(&job.run, &trainer.freeze(), data)?;
         }
         let seconds = earlier_seconds + started.elapsed().as_secs_f64();
         if interrupted {
@@ -213,23 +210,30 @@ fn train(
     Ok(TrainOutcome::Finished)
 }
 
-fn export(job: &TrainJob, trainer: &Trainer, data: &Prepared, progress: &Progress) -> Result<()> {
-    let scene = trainer.freeze(data);
+/// Writes all pictures and the mesh; `false` when it was interrupted.
+fn export(job: &TrainJob, trainer: &Trainer, data: &Prepared, progress: &Progress) -> Result<bool> {
+    let scene = trainer.freeze();
     preview::write(&job.run, &scene, data)?;
     let stage = progress.stage("surveying the views", data.views.len());
     let survey = Survey::new(&scene, data, || stage.advance());
     drop(stage);
     let stage = progress.stage("rendering mattes and plates", data.views.len());
-    for index in 0..data.views.len() {
-        write_view(&job.run, &render_view(&scene, data, &survey, index))?;
-        stage.advance();
+    let indices: Vec<usize> = (0..data.views.len()).collect();
+    for pair in indices.chunks(VIEWS_AT_ONCE) {
+        if job.interrupt.load(Ordering::Relaxed) {
+            return Ok(false);
+        }
+        pair.par_iter().try_for_each(|&index| {
+            write_view(&job.run, &render_view(&scene, data, &survey, index))
+        })?;
+        pair.iter().for_each(|_| stage.advance());
     }
     drop(stage);
     match mesh::extract(&scene, &data.frame, job.config.export.mesh_resolution) {
         Ok(mesh) => write_mesh(&job.run, &mesh)?,
         Err(error) => progress.note(&format!("no mesh.ply: {error}")),
     }
-    Ok(())
+    Ok(true)
 }
 
 /// Fixed rays on which the matte is followed.
@@ -248,9 +252,9 @@ impl Probes {
     }
 
     /// Mean change of the mattes since the last call.
-    fn change(&mut self, trainer: &Trainer, data: &Prepared) -> f32 {
-        let scene: FrozenScene = trainer.freeze(data);
-        let mattes: Vec<f32> = scene.render(&self.rays).iter().map(|r| r.matte).collect();
+    fn change(&mut self, trainer: &Trainer) -> f32 {
+        let scene: FrozenScene = trainer.freeze();
+        let mattes = scene.mattes(&self.rays);
         let change = if self.mattes.len() == mattes.len() {
             let sum: f32 = mattes
                 .iter()

@@ -7,8 +7,7 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::prepare::{Label, Prepared};
 
-/// Rays of one step with what is known about their pixels; all lists `[rays]`. Those of
-/// [`Label::Background`] come first.
+/// Rays of one step with what is known about their pixels; all lists `[rays]`.
 #[derive(Clone, Debug, Default)]
 pub struct RayBatch {
     /// In the normalised frame.
@@ -17,6 +16,8 @@ pub struct RayBatch {
     pub colours: Vec<f32>,
     /// What the pixel is taken for.
     pub labels: Vec<Label>,
+    /// What the view's own mask says, where it is to be relied on.
+    pub votes: Vec<Option<bool>>,
 }
 
 /// Draws rays; the same seed and step give the same batch.
@@ -60,12 +61,9 @@ impl Sampler {
     #[must_use]
     pub fn draw(&self, scene: &Prepared, step: u32, rays: usize) -> RayBatch {
         let mut random = step_random(self.seed, step);
-        let mut pixels: Vec<(usize, u32, u32)> =
-            (0..rays).map(|_| self.pixel(scene, &mut random)).collect();
-        // Rays that teach the background first: the others need no gradient for it.
-        pixels.sort_by_key(|&(view, x, y)| scene.outlines[view].label(x, y) != Label::Background);
         let mut batch = RayBatch::default();
-        for (view, x, y) in pixels {
+        for _ in 0..rays {
+            let (view, x, y) = self.pixel(scene, &mut random);
             let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
             // A pixel that a lens can't unproject (its far corner, say) teaches nothing.
             let Some(ray) = scene.views[view].ray(&self.poses[view], pixel) else {
@@ -75,6 +73,7 @@ impl Sampler {
             batch.rays.push(ray);
             batch.colours.extend(colour.map(|c| f32::from(c) / 255.0));
             batch.labels.push(scene.outlines[view].label(x, y));
+            batch.votes.push(scene.outlines[view].vote(x, y));
         }
         batch
     }

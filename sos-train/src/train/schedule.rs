@@ -1,6 +1,6 @@
 //! What changes over a run, as functions of the step.
 
-use crate::config::{LossConfig, ScheduleConfig, TrainConfig};
+use crate::config::{LossConfig, ScheduleConfig, TrainConfig, Transparency};
 
 use super::step::StepSchedule;
 
@@ -8,16 +8,32 @@ use super::step::StepSchedule;
 #[must_use]
 pub fn at(config: &TrainConfig, step: u32, levels: usize) -> StepSchedule {
     let progress = progress(config, step);
+    let alone = step < carve_step(config);
     StepSchedule {
+        step,
         active_levels: active_levels(&config.schedule, progress, levels),
+        background_levels: match config.model.background {
+            Transparency::Sdf => active_levels(&config.schedule, progress, levels),
+            Transparency::Density => levels,
+        },
         cos_anneal: (progress / config.schedule.cos_anneal_end.max(1e-6)).min(1.0),
-        mask_weight: mask_weight(&config.loss, progress),
-        background_gate: if progress < config.loss.mask_end {
+        // Without an object there is no matte to compare.
+        mask_weight: if alone {
             0.0
         } else {
-            config.loss.background_gate
+            mask_weight(&config.loss, progress)
         },
+        view_share: rise(
+            progress,
+            config.schedule.view_start,
+            config.schedule.view_end,
+        ),
     }
+}
+
+/// 0 until `start`, 1 from `end` on, even in between.
+fn rise(progress: f32, start: f32, end: f32) -> f32 {
+    ((progress - start) / (end - start).max(1e-6)).clamp(0.0, 1.0)
 }
 
 /// Position in the run, 0 to 1.
@@ -33,15 +49,34 @@ fn active_levels(schedule: &ScheduleConfig, progress: f32, levels: usize) -> usi
     first + (share * (levels - first) as f32) as usize
 }
 
+/// `s` of an object just carved: b = 120.
+const CARVED_SHARPNESS: f32 = 0.48;
+
 /// The largest `s` that the sharpness `b = exp(10 s)` may have: it rises evenly over the first 60 %
 /// of the run, to where the surface is as thin as a pixel.
 ///
 /// A `b` that runs ahead freezes a surface that is not there yet; `finest` is that of a pixel.
 #[must_use]
 pub fn sharpness_cap(config: &TrainConfig, step: u32, finest: f32) -> f32 {
-    let start = config.schedule.sharpness_start;
+    let carve = carve_step(config);
+    let start = match carve {
+        0 => config.schedule.sharpness_start,
+        // The surface is known to a few voxels then.
+        _ => config.schedule.sharpness_start.max(CARVED_SHARPNESS),
+    };
     let end = (finest.max(1.0).ln() / 10.0).max(start);
-    start + (end - start) * (progress(config, step) / 0.6).min(1.0)
+    let risen = step.saturating_sub(carve) as f32 / (0.6 * (config.steps - carve).max(1) as f32);
+    start + (end - start) * risen.min(1.0)
+}
+
+/// The step at which FoCoR is carved out of BaCo; 0 when both learn from the start.
+#[must_use]
+pub fn carve_step(config: &TrainConfig) -> u32 {
+    match config.model.background {
+        // Depths of a surface that is still a fog of one sharpness tell nothing yet.
+        Transparency::Sdf => 0,
+        Transparency::Density => (config.schedule.carve * config.steps as f32) as u32,
+    }
 }
 
 /// Full weight at first, then linearly down to the floor.

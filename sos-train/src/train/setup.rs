@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use burn::tensor::Device;
 use hashgrid::{GridConfig, GridLayout, LazyAdam};
-use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness};
+use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 
 use super::batch::BatchMarcher;
 use super::grids::FieldGrids;
 use super::sampler::Sampler;
 use super::step::StepContext;
-use super::{Trainer, adam, gradient_sinks};
+use super::{OVERLAP, Trainer, adam, gradient_sinks};
 use crate::config::{Interpolation, TrainConfig, Transparency};
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
@@ -113,6 +113,7 @@ impl Trainer {
                 object_gradient,
                 background_gradient,
                 device: device.clone(),
+                points: scene.points.clone(),
             },
             scene: model,
             sharpness: Sharpness::new(sizes.sharpness_start, &device),
@@ -121,8 +122,10 @@ impl Trainer {
             grids: FieldGrids::new(
                 config.sampling.occupancy_resolution,
                 &scene.map,
-                config.prepare.hull_threshold,
+                config.prepare.crop_threshold - OVERLAP,
             ),
+            map: scene.map.clone(),
+            votes: SurfaceVotes::new(scene.map.resolution()),
             sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
             marcher: BatchMarcher::default(),
             step: 0,

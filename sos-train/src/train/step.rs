@@ -4,15 +4,33 @@ use std::sync::Arc;
 
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
+use glam::Vec3;
 use hashgrid::{GridLayout, SparseGrad};
-use losses::{ColourLoss, SparsityForm, background_loss, eikonal_loss, mask_loss, sparsity_loss};
-use neus_render::composite::{self, CompositeConfig, column, composite};
+use losses::{
+    ColourLoss, PointPenalty, SparsityForm, background_loss, eikonal_loss, mask_loss, point_loss,
+    sparsity_loss,
+};
+use neus_render::composite::{self, CompositeConfig, Packing, column, composite};
+use rand::RngExt;
 use scene_decomp::{Scene, Sharpness, SurfaceSamples};
 
 use super::batch::{FieldSamples, MarchedBatch};
-use super::sampler::RayBatch;
-use crate::config::{self, AlphaSource, TrainConfig, Transparency};
+use super::blend::blend;
+use super::distortion::Spread;
+use super::sampler::{RayBatch, step_random};
+use super::visible::composite_config;
+use crate::config::{self, Blend, TrainConfig, Transparency};
 use crate::prepare::Label;
+
+/// Points of the box that the sparsity loss looks at in each step.
+const SPARSITY_POINTS: usize = 512;
+/// Points that the fog loss looks at in each step, how far out in contracted space, and the length
+/// over which opacity counts.
+const FOG_POINTS: usize = 1024;
+const FOG_REACH: f32 = 1.3;
+const FOG_DEPTH: f32 = 0.1;
+/// Sparse points that each step asks for.
+const SURFACE_POINTS: usize = 256;
 
 /// The density that BaCo's first output stands for when it is read as one.
 #[must_use]
@@ -35,19 +53,25 @@ pub struct StepContext {
     pub background_gradient: SparseGrad,
     /// The autodiff device.
     pub device: Device,
+    /// Sparse points of the object, in the normalised frame.
+    pub points: Vec<Vec3>,
 }
 
 /// What changes from step to step by schedule.
 #[derive(Clone, Copy, Debug)]
 pub struct StepSchedule {
-    /// Levels in use.
+    /// The step's number.
+    pub step: u32,
+    /// FoCoR's levels in use.
     pub active_levels: usize,
+    /// BaCo's: all of them when it is a density, which needs no help to settle.
+    pub background_levels: usize,
     /// NeuS's cosine annealing, 0 to 1.
     pub cos_anneal: f32,
+    /// Factor on the view directions that colours depend on.
+    pub view_share: f32,
     /// Weight of the mask loss.
     pub mask_weight: f32,
-    /// Share of the joint colour's gradient that reaches BaCo at pixels that may show the object.
-    pub background_gate: f32,
 }
 
 /// The losses of a step, as numbers.
@@ -65,6 +89,14 @@ pub struct StepLosses {
     pub sparsity: f32,
     /// Mask.
     pub mask: f32,
+    /// Sparse points.
+    pub points: f32,
+    /// Distortion.
+    pub distortion: f32,
+    /// Fog.
+    pub fog: f32,
+    /// What hides the object.
+    pub hidden: f32,
     /// Mean squared error of the joint colour.
     pub mse: f32,
 }
@@ -96,6 +128,7 @@ pub fn loss(
     sharpness: &Sharpness,
     batch: &RayBatch,
     marched: &MarchedBatch,
+    spread: Option<&Spread>,
     schedule: StepSchedule,
 ) -> Option<(Tensor<1>, StepLosses)> {
     if marched.object.is_empty() && marched.background.is_empty() {
@@ -105,38 +138,36 @@ pub fn loss(
     let weights = &config.loss;
     let device = &context.device;
     let (object_samples, object) = object_columns(context, scene, &marched.object, schedule);
-    // Where a pixel may show the object, the background is drawn but not taught, unless the gate
-    // says otherwise: it could learn the object.
-    let first_gated = batch
-        .labels
-        .partition_point(|label| *label == Label::Background) as u32;
-    let taught = marched
-        .background
-        .ray
-        .partition_point(|ray| *ray < first_gated);
     let (background_samples, background) =
-        background_columns(context, scene, &marched.background, taught, schedule);
+        background_columns(context, scene, &marched.background, schedule);
     let n_rays = batch.rays.len();
-    let rendered = composite(
+    let packing = Arc::new(marched.packing.clone());
+    let compositing = composite_config(config, schedule.cos_anneal);
+    let spread = spread.map(|spread| {
+        spread_pixels(
+            object.clone(),
+            background.clone(),
+            sharpness.b(),
+            packing.clone(),
+            compositing,
+            spread,
+        )
+    });
+    let pixels = blend(
         object,
         background,
         sharpness.b(),
-        Arc::new(marched.packing.clone()),
-        CompositeConfig {
-            background: match config.model.background {
-                Transparency::Sdf => composite::Transparency::Sdf,
-                Transparency::Density => composite::Transparency::Density,
-            },
-            cos_anneal: schedule.cos_anneal,
-            ..CompositeConfig::default()
-        },
+        packing,
+        compositing,
+        &config.model,
     );
-    let columns =
-        |first: usize, count: usize| rendered.clone().slice([0..n_rays, first..first + count]);
     let photo = constant(&batch.colours, 3, device);
-    let joint = columns(column::JOINT_COLOUR, 3);
-    let alone = columns(column::BACKGROUND_COLOUR, 3);
-    let matte = columns(column::MATTE, 1).reshape([n_rays]);
+    let joint = pixels.colour;
+    let first = column::BACKGROUND_COLOUR;
+    let alone = pixels.rendered.clone().slice([0..n_rays, first..first + 3]);
+    let first = column::OBJECT_OPACITY;
+    let opacity = pixels.rendered.slice([0..n_rays, first..first + 1]);
+    let matte = pixels.matte.reshape([n_rays]);
 
     let mut losses = StepLosses::default();
     let squared = (joint.clone() - photo.clone()).powf_scalar(2.0).mean();
@@ -169,12 +200,29 @@ pub fn loss(
         // offset keeps a gradient where the matte is 1 and should be 0.
         let hidden = matte.clone().neg().add_scalar(1.001).log();
         let part = mask_loss(
-            matte,
+            matte.clone(),
             hidden,
             list(targets, device),
             Some(list(trust, device)),
         );
         add(part, schedule.mask_weight, &mut losses.mask);
+    }
+    if weights.hidden > 0.0 && config.model.blend == Blend::Sample {
+        // Where the mask says that the object is to be seen, nothing hides it: floaters near a
+        // camera, made up for a highlight.
+        let visible = batch
+            .votes
+            .iter()
+            .map(|v| f32::from(u8::from(*v == Some(true))));
+        let opacity = opacity.reshape([n_rays]).detach();
+        let part = (opacity - matte.clone())
+            .clamp_min(0.0)
+            .mul(list(visible.collect(), device))
+            .mean();
+        add(part, weights.hidden, &mut losses.hidden);
+    }
+    if let Some(spread) = spread {
+        add(spread.mean(), weights.distortion, &mut losses.distortion);
     }
     if let Some(samples) = &object_samples {
         add(
@@ -182,10 +230,25 @@ pub fn loss(
             weights.eikonal,
             &mut losses.eikonal,
         );
-        let m = samples.sdf().dims()[0];
-        let sdf = samples.sdf().reshape([m]);
+    }
+    if weights.sparsity > 0.0 && !marched.object.is_empty() {
+        let points = unseen_points(config.seed, schedule.step);
+        let sdf = object_sdf(context, scene, schedule, &points);
         let part = sparsity_loss(sdf, weights.sparsity_tau, SparsityForm::Plain, None);
         add(part, weights.sparsity, &mut losses.sparsity);
+    }
+    if weights.fog > 0.0 && config.model.background == Transparency::Density {
+        let part = fog(context, scene, schedule);
+        add(part, weights.fog, &mut losses.fog);
+    }
+    if weights.points > 0.0 && !marched.object.is_empty() && !context.points.is_empty() {
+        let mut random = step_random(context.config.seed ^ 0x0901_4720, schedule.step);
+        let chosen: Vec<f32> = (0..SURFACE_POINTS)
+            .flat_map(|_| context.points[random.random_range(0..context.points.len())].to_array())
+            .collect();
+        let sdf = object_sdf(context, scene, schedule, &chosen);
+        let part = point_loss(sdf, PointPenalty::L1, None);
+        add(part, weights.points, &mut losses.points);
     }
     if let (Some(samples), Transparency::Sdf) = (&background_samples, config.model.background) {
         let part = eikonal_loss(samples.normal(), None);
@@ -197,6 +260,99 @@ pub fn loss(
 
 fn scalar(tensor: &Tensor<1>) -> f32 {
     tensor.clone().into_scalar::<f32>()
+}
+
+/// The distortion loss of each ray, up to terms without gradient, `[rays, 1]`.
+fn spread_pixels(
+    object: Tensor<2>,
+    background: Tensor<2>,
+    sharpness: Tensor<1>,
+    packing: Arc<Packing>,
+    compositing: CompositeConfig,
+    spread: &Spread,
+) -> Tensor<2> {
+    let painted = |samples: Tensor<2>, values: &[f32], colour: usize| {
+        let [m, columns] = samples.dims();
+        let device = samples.device();
+        let mut parts = vec![
+            samples.clone().slice([0..m, 0..colour]),
+            constant(values, 1, &device),
+            Tensor::zeros([m, 2], &device),
+        ];
+        if columns > colour + 3 {
+            parts.push(Tensor::ones([m, columns - colour - 3], &device));
+        }
+        Tensor::cat(parts, 1)
+    };
+    let rays = packing.ray_count();
+    let pixels = composite(
+        painted(object, &spread.object, composite::object_column::COLOUR),
+        painted(
+            background,
+            &spread.background,
+            composite::background_column::COLOUR,
+        ),
+        sharpness,
+        packing,
+        compositing,
+    );
+    pixels.slice([0..rays, column::JOINT_COLOUR..column::JOINT_COLOUR + 1])
+}
+
+/// Random points of the box, `[SPARSITY_POINTS * 3]`: mostly where no ray ever looks.
+///
+/// Samples of rays will not do: those that light reaches lie before the surface, and keeping them
+/// off it would wear the object away.
+fn unseen_points(seed: u64, step: u32) -> Vec<f32> {
+    let mut random = step_random(seed ^ 0x05ba_25e0, step);
+    (0..3 * SPARSITY_POINTS)
+        .map(|_| random.random_range(-1.0..1.0))
+        .collect()
+}
+
+/// How opaque BaCo is at random points in and around the box, `[1]`: mean of `1 - exp(-density d)`.
+///
+/// Fog of the colour of what lies behind it costs nothing in any photo, but it shows in plates. The
+/// exponential leaves alone what is opaque.
+fn fog(context: &StepContext, scene: &Scene, schedule: StepSchedule) -> Tensor<1> {
+    let mut random = step_random(context.config.seed ^ 0x00f0_6000, schedule.step);
+    let points: Vec<f32> = (0..3 * FOG_POINTS)
+        .map(|_| random.random_range(-FOG_REACH..FOG_REACH))
+        .collect();
+    let geometry = scene.background.geometry(
+        constant(&points, 3, &context.device),
+        scene.background.sdf_config(
+            &context.background_layout,
+            schedule.background_levels,
+            Some(context.background_gradient.clone()),
+        ),
+    );
+    let density = geometry
+        .slice([0..FOG_POINTS, 0..1])
+        .neg()
+        .clamp(-15.0, 12.0)
+        .exp();
+    let clear = density.mul_scalar(-FOG_DEPTH).exp();
+    clear.neg().add_scalar(1.0).mean()
+}
+
+/// FoCoR's distance at `points` `[n * 3]`, `[n]`.
+fn object_sdf(
+    context: &StepContext,
+    scene: &Scene,
+    schedule: StepSchedule,
+    points: &[f32],
+) -> Tensor<1> {
+    let geometry = scene.object.geometry(
+        constant(points, 3, &context.device),
+        scene.object.sdf_config(
+            &context.object_layout,
+            schedule.active_levels,
+            Some(context.object_gradient.clone()),
+        ),
+    );
+    let n = points.len() / 3;
+    geometry.slice([0..n, 0..1]).reshape([n])
 }
 
 /// FoCoR's samples and its columns for compositing, `[m, 6]`.
@@ -217,7 +373,7 @@ fn object_columns(
     let directions = constant(&at.directions, 3, device);
     let samples = scene.object.sample(
         constant(&at.points, 3, device),
-        directions.clone(),
+        directions.clone().mul_scalar(schedule.view_share),
         Tensor::zeros([m, 0], device),
         scene.object.sdf_config(
             &context.object_layout,
@@ -226,90 +382,52 @@ fn object_columns(
         ),
     );
     let colour = samples.colour.clone();
-    let matte = match context.config.model.alpha {
-        AlphaSource::Opacity => Tensor::ones([m, 1], device),
-        AlphaSource::Head | AlphaSource::Both => colour.clone().slice([0..m, 3..4]),
-    };
-    let columns = Tensor::cat(
-        vec![
-            samples.sdf(),
-            slope(&samples, &directions),
-            colour.slice([0..m, 0..3]),
-            matte,
-        ],
-        1,
-    );
+    // The colour network's outputs are colour and alpha head, in the op's order.
+    let columns = Tensor::cat(vec![samples.sdf(), slope(&samples, &directions), colour], 1);
     (Some(samples), columns)
 }
 
-/// BaCo's samples and its columns for compositing, `[m, 5]`. The first `taught` rows carry the whole
-/// gradient, the others the gate's share of it.
+/// BaCo's samples and its columns for compositing, `[m, 5]`.
 fn background_columns(
     context: &StepContext,
     scene: &Scene,
     at: &FieldSamples,
-    taught: usize,
     schedule: StepSchedule,
 ) -> (Option<SurfaceSamples>, Tensor<2>) {
-    let gate = schedule.background_gate;
-    let part = |from: usize, to: usize, gradient: bool| {
-        if from >= to {
-            return None;
-        }
-        let device = if gradient {
-            context.device.clone()
-        } else {
-            context.device.clone().inner()
-        };
-        let directions = constant(&at.directions[3 * from..3 * to], 3, &device);
-        let points = constant(&at.points[3 * from..3 * to], 3, &device);
-        let probability = constant(&at.probability[from..to], 1, &device);
-        let settings = scene.background.sdf_config(
-            &context.background_layout,
-            schedule.active_levels,
-            Some(context.background_gradient.clone()),
+    let device = &context.device;
+    if at.is_empty() {
+        return (
+            None,
+            Tensor::zeros([0, composite::background_column::COUNT], device),
         );
-        let samples = if gradient {
-            scene
-                .background
-                .sample(points, directions.clone(), probability, settings)
-        } else {
-            scene
-                .background
-                .sample_constant(points, directions.clone(), probability, settings)
-        };
-        let first = match context.config.model.background {
-            Transparency::Sdf => samples.sdf(),
-            Transparency::Density => samples.sdf().neg().clamp(-15.0, 12.0).exp(),
-        };
-        let slope = slope(&samples, &directions);
-        let columns = Tensor::cat(vec![first, slope, samples.colour.clone()], 1);
-        Some((samples, columns))
-    };
-    let m = at.len();
-    let tracked = if gate > 0.0 { m } else { taught };
-    let (samples, mut columns) = match part(0, tracked, true) {
-        Some((samples, columns)) => (Some(samples), vec![columns]),
-        None => (None, Vec::new()),
-    };
-    if gate > 0.0 && gate < 1.0 && taught < m {
-        let all = columns.remove(0);
-        let gated = all
-            .clone()
-            .slice([taught..m, 0..composite::background_column::COUNT]);
-        let share = gated.clone().mul_scalar(gate) + gated.detach().mul_scalar(1.0 - gate);
-        if taught > 0 {
-            columns.push(all.slice([0..taught, 0..composite::background_column::COUNT]));
+    }
+    let directions = constant(&at.directions, 3, device);
+    let samples = scene.background.sample(
+        constant(&at.points, 3, device),
+        directions.clone(),
+        constant(&at.probability, 1, device),
+        scene.background.sdf_config(
+            &context.background_layout,
+            schedule.background_levels,
+            Some(context.background_gradient.clone()),
+        ),
+    );
+    let columns = match context.config.model.background {
+        Transparency::Sdf => vec![
+            samples.sdf(),
+            slope(&samples, &directions),
+            samples.colour.clone(),
+        ],
+        Transparency::Density => {
+            let density = samples.sdf().neg().clamp(-15.0, 12.0).exp();
+            let density = if at.stretch.is_empty() {
+                density
+            } else {
+                density.mul(constant(&at.stretch, 1, device))
+            };
+            let slope = Tensor::zeros([at.len(), 1], device);
+            vec![density, slope, samples.colour.clone()]
         }
-        columns.push(share);
-    }
-    if let Some((_, constant)) = part(tracked, m, false) {
-        columns.push(Tensor::from_inner(constant));
-    }
-    let columns = match columns.len() {
-        0 => Tensor::zeros([0, composite::background_column::COUNT], &context.device),
-        1 => columns.remove(0),
-        _ => Tensor::cat(columns, 0),
     };
-    (samples, columns)
+    (Some(samples), Tensor::cat(columns, 1))
 }

@@ -6,5 +6,6 @@ mod command_line;
 mod config;
 mod exports;
 mod fabricated;
+mod interrupt;
 mod report;
 mod run_folder;

@@ -109,16 +109,6 @@ pub(crate) fn forward(
     }
 }
 
-/// [`forward`] for callers outside autodiff, such as final renders: no tensors in between.
-pub(crate) fn evaluate(
-    points: &[f32],
-    table: &[f32],
-    weights: Weights,
-    config: &SdfFieldConfig,
-) -> Vec<f32> {
-    forward(points, table, weights, config, Keep::Nothing).0
-}
-
 /// One tile's intermediate rows.
 pub(super) struct Working {
     z: Vec<f32>,

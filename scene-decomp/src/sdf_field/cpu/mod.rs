@@ -5,5 +5,5 @@ mod forward;
 mod weights;
 
 pub(crate) use backward::backward;
-pub(crate) use forward::{Keep, Saved, evaluate, forward};
+pub(crate) use forward::{Keep, Saved, forward};
 pub(crate) use weights::{Weights, transposed};

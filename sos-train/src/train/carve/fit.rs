@@ -1,0 +1,149 @@
+//! Giving FoCoR a shape and colours before it is drawn for the first time.
+
+use burn::Tensor;
+use burn::optim::GradientsParams;
+use burn::tensor::{Device, TensorData};
+use glam::Vec3;
+use losses::eikonal_loss;
+use rand::{Rng, RngExt};
+use scene_decomp::probability::ProbabilityMap;
+
+use super::super::Trainer;
+use super::super::sampler::step_random;
+use crate::prepare::Prepared;
+
+/// Steps, and points of each.
+const STEPS: u32 = 400;
+const POINTS: usize = 8192;
+/// Points within this share of the truncation are told their distance, others only their side.
+const NEAR: f32 = 0.9;
+/// Weight of the colours beside the distances.
+const COLOUR_WEIGHT: f32 = 0.1;
+const EIKONAL_WEIGHT: f32 = 0.02;
+
+/// The shape to start from.
+pub struct Shape {
+    /// Signed distance, `[resolution^3]`, cut off at `truncation`.
+    pub distance: ProbabilityMap,
+    /// The largest absolute value.
+    pub truncation: f32,
+    /// Cells with the surface in or next to them.
+    pub near: Vec<u32>,
+}
+
+/// Points of one step with what is asked of them.
+struct Lesson {
+    points: Vec<f32>,
+    /// Unit directions from some camera, for the teacher's colours.
+    directions: Vec<f32>,
+    distances: Vec<f32>,
+}
+
+impl Trainer {
+    /// Fits FoCoR's distance to `shape`, and its colours near the surface to BaCo's.
+    pub(super) fn fit_object(&mut self, data: &Prepared, shape: &Shape) {
+        let schedule = self.schedule();
+        let teacher = self.freeze_background(schedule.background_levels);
+        let device = self.context.device.clone();
+        let config = self.context.config.schedule.clone();
+        let cameras: Vec<Vec3> = data
+            .views
+            .iter()
+            .map(|view| view.world_from_camera(&data.frame).translation.into())
+            .collect();
+        let near = NEAR * shape.truncation;
+        for step in 0..STEPS {
+            let mut random = step_random(self.context.config.seed ^ 0x0f17_c0de, step);
+            let lesson = lesson(shape, &cameras, &mut random);
+            let geometry = teacher.geometry(&lesson.points);
+            let probability: Vec<f32> = lesson
+                .points
+                .chunks_exact(3)
+                .map(|p| self.map.at(Vec3::from_slice(p)))
+                .collect();
+            let colours =
+                teacher.colour(&geometry, &lesson.points, &lesson.directions, &probability);
+            let samples = self.scene.object.sample(
+                rows(&lesson.points, 3, &device),
+                rows(&lesson.directions, 3, &device).mul_scalar(schedule.view_share),
+                Tensor::zeros([POINTS, 0], &device),
+                self.scene.object.sdf_config(
+                    &self.context.object_layout,
+                    schedule.active_levels,
+                    Some(self.context.object_gradient.clone()),
+                ),
+            );
+            let flags = |of: &dyn Fn(f32) -> bool| -> Tensor<2> {
+                let values: Vec<f32> = lesson
+                    .distances
+                    .iter()
+                    .map(|d| f32::from(u8::from(of(*d))))
+                    .collect();
+                rows(&values, 1, &device)
+            };
+            let target = rows(&lesson.distances, 1, &device);
+            let close = flags(&|d| d.abs() < near);
+            let far = flags(&|d| d.abs() >= near);
+            let sdf = samples.sdf();
+            // Far from the surface only the side is known, and that the distance is no smaller.
+            let short = (target.clone() - sdf.clone()).mul(target.clone().sign());
+            let distance = (sdf - target).abs().mul(close) + short.clamp_min(0.0).mul(far);
+            let surface = flags(&|d| d.abs() < 0.25 * shape.truncation);
+            let seen = samples.colour.clone().slice([0..POINTS, 0..3]);
+            let colour = (seen - rows(&colours, 3, &device))
+                .powf_scalar(2.0)
+                .mean_dim(1)
+                .mul(surface);
+            let loss = distance.mean()
+                + colour.mean().mul_scalar(COLOUR_WEIGHT)
+                + eikonal_loss(samples.normal(), None).mul_scalar(EIKONAL_WEIGHT);
+            let mut grads = loss.backward();
+            let fields = GradientsParams::from_module(&mut grads, &self.scene);
+            drop(grads);
+            let rate = 1.0 - 0.9 * step as f32 / STEPS as f32;
+            self.scene = self.optimiser.step(
+                f64::from(config.learning_rate_mlp * rate),
+                self.scene.clone(),
+                fields,
+            );
+            self.object_adam.step_grid(
+                &mut self.scene.object.grid,
+                &self.context.object_gradient,
+                f64::from(config.learning_rate * rate),
+            );
+        }
+    }
+}
+
+/// Half of the points lie near the surface, half anywhere in the box.
+fn lesson(shape: &Shape, cameras: &[Vec3], random: &mut impl Rng) -> Lesson {
+    let mut out = Lesson {
+        points: Vec::with_capacity(3 * POINTS),
+        directions: Vec::with_capacity(3 * POINTS),
+        distances: Vec::with_capacity(POINTS),
+    };
+    let n = shape.distance.resolution();
+    for i in 0..POINTS {
+        let mut unit = || Vec3::new(random.random(), random.random(), random.random());
+        let point = if i % 2 == 0 && !shape.near.is_empty() {
+            let jitter = (unit() - 0.5) * 4.0 / n as f32;
+            let cell = shape.near[random.random_range(0..shape.near.len())] as usize;
+            (ProbabilityMap::centre(n, cell) + jitter).clamp(Vec3::NEG_ONE, Vec3::ONE)
+        } else {
+            unit() * 2.0 - 1.0
+        };
+        let camera = cameras[random.random_range(0..cameras.len())];
+        out.points.extend(point.to_array());
+        out.directions
+            .extend((point - camera).normalize_or(Vec3::Z).to_array());
+        out.distances.push(shape.distance.at(point));
+    }
+    out
+}
+
+fn rows(values: &[f32], columns: usize, device: &Device) -> Tensor<2> {
+    Tensor::from_data(
+        TensorData::new(values.to_vec(), [values.len() / columns, columns]),
+        device,
+    )
+}

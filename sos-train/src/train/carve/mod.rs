@@ -1,0 +1,57 @@
+//! Carving FoCoR out of a scene that BaCo has learnt alone.
+//!
+//! A density finds its geometry from photos far sooner than a surface does, whose every hollow has
+//! to be dug from a convex start. So a run may begin with BaCo for the whole scene. Then the masks'
+//! votes on its surfaces say what is the object ([`SurfaceVotes`](scene_decomp::SurfaceVotes)), its
+//! depths seen from all views are fused into a signed distance ([`fusion`]), and FoCoR starts from
+//! there ([`fit`]); BaCo is cropped, and both go on together.
+
+pub mod depth;
+pub mod distance;
+pub mod fit;
+pub mod fusion;
+
+use scene_decomp::probability::ProbabilityMap;
+
+use super::{OVERLAP, Trainer};
+use crate::prepare::Prepared;
+
+/// Rays whose depths are fused, in all views together, at most.
+const RAYS: usize = 300_000;
+/// Parts with less than this share of the largest one's voxels are crumbs.
+const SMALLEST_PART: f32 = 0.01;
+
+impl Trainer {
+    /// Ends BaCo's time alone: m^P from the votes, FoCoR's shape from BaCo's depths.
+    pub(super) fn carve(&mut self, data: &Prepared) {
+        let mut scene = self.freeze();
+        // As it was a step ago, with all space BaCo's.
+        scene.step = self.step - 1;
+        let pixels: usize = data.outlines.iter().map(|o| o.candidates.len()).sum();
+        let stride = (pixels as f32 / RAYS as f32).sqrt().ceil().max(1.0) as u32;
+        let depths = depth::depth_pictures(&scene, data, stride);
+        drop(scene);
+        self.map = self.votes.map(&data.map);
+        let resolution = self.map.resolution();
+        let crop = self.context.config.prepare.crop_threshold;
+        let fused = fusion::fuse(data, &depths, &self.map, crop);
+        // The object is what is solid and on its side of m^P.
+        let mut inside: Vec<bool> = fused.iter().map(|distance| *distance < 0.0).collect();
+        distance::keep_large_parts(&mut inside, resolution, SMALLEST_PART);
+        let voxel = 2.0 / resolution as f32;
+        let distances: Vec<f32> = distance::signed_distance(&inside, resolution)
+            .into_iter()
+            .map(|d| d * voxel)
+            .collect();
+        let near = (0..distances.len() as u32)
+            .filter(|&cell| distances[cell as usize].abs() < 2.0 * voxel)
+            .collect();
+        let shape = fit::Shape {
+            distance: ProbabilityMap::new(resolution, distances),
+            truncation: distance::REACH as f32 * voxel,
+            near,
+        };
+        self.fit_object(data, &shape);
+        self.grids.allow(&self.map, crop - OVERLAP);
+    }
+}

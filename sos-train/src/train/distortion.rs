@@ -1,0 +1,163 @@
+//! The distortion loss of mip-NeRF 360 (Barron et al. 2022, eq. 15): light should come from one place.
+//!
+//! ```text
+//! L = sum_ij w_i w_j |s_i - s_j|        per ray, over the samples of both fields
+//! ```
+//!
+//! Its derivative with respect to `w_i` is `2 sum_j w_j |s_i - s_j|`. With that as a constant
+//! "colour" of the samples, compositing gives a pixel whose gradient is the loss's: no op of its own
+//! is needed. It clears fog, and most of all floaters that make up for a highlight.
+
+use glam::Vec3;
+
+use super::batch::MarchedBatch;
+use super::visible::Look;
+
+/// `2 sum_j w_j |s_i - s_j|` of every sample.
+#[derive(Clone, Debug, Default)]
+pub struct Spread {
+    /// FoCoR's samples, `[m_f]`.
+    pub object: Vec<f32>,
+    /// BaCo's, `[m_b]`.
+    pub background: Vec<f32>,
+}
+
+impl Spread {
+    /// Of the samples with these row numbers.
+    #[must_use]
+    pub fn select(&self, object: &[u32], background: &[u32]) -> Self {
+        let of = |values: &[f32], rows: &[u32]| rows.iter().map(|&i| values[i as usize]).collect();
+        Self {
+            object: of(&self.object, object),
+            background: of(&self.background, background),
+        }
+    }
+}
+
+/// The spread of all rays; positions are lengths along the ray in contracted space, over that
+/// space's half side.
+#[must_use]
+pub fn spread(marched: &MarchedBatch, look: &Look) -> Spread {
+    let packing = &marched.packing;
+    let mut out = Spread {
+        object: vec![0.0; marched.object.len()],
+        background: vec![0.0; marched.background.len()],
+    };
+    // (is BaCo's, row, weight, position) of one ray, front to back.
+    let mut ray_samples: Vec<(bool, usize, f32, f32)> = Vec::new();
+    for ray in 0..packing.ray_count() {
+        let range = |offsets: &[u32]| offsets[ray] as usize..offsets[ray + 1] as usize;
+        let mut object = range(packing.object_offsets()).peekable();
+        let mut background = range(packing.background_offsets()).peekable();
+        ray_samples.clear();
+        let (mut position, mut last) = (0.0, None::<Vec3>);
+        loop {
+            let interval = |row: Option<&usize>, of: &[u32]| row.map(|&row| of[row]);
+            let next_object = interval(object.peek(), packing.object());
+            let next_background = interval(background.peek(), packing.background());
+            let of_object = match (next_object, next_background) {
+                (None, None) => break,
+                (Some(a), Some(b)) => a <= b,
+                (a, _) => a.is_some(),
+            };
+            let (rows, samples, seen) = if of_object {
+                (&mut object, &marched.object, &look.visibility.object)
+            } else {
+                (
+                    &mut background,
+                    &marched.background,
+                    &look.visibility.background,
+                )
+            };
+            let Some(row) = rows.next() else { break };
+            let point = Vec3::from_slice(&samples.points[3 * row..]);
+            position += last.map_or(0.0, |last| point.distance(last));
+            last = Some(point);
+            ray_samples.push((!of_object, row, seen[row].weight, 0.5 * position));
+        }
+        // Two sweeps with running sums make the double sum linear.
+        let total: f32 = ray_samples.iter().map(|s| s.2).sum();
+        let moment: f32 = ray_samples.iter().map(|s| s.2 * s.3).sum();
+        let (mut weight, mut sum) = (0.0, 0.0);
+        for &(of_background, row, w, s) in &ray_samples {
+            // sum_j<i w_j (s_i - s_j) + sum_j>i w_j (s_j - s_i)
+            let before = s * weight - sum;
+            weight += w;
+            sum += w * s;
+            let after = (moment - sum) - s * (total - weight);
+            let value = 2.0 * (before + after);
+            if of_background {
+                out.background[row] = value;
+            } else {
+                out.object[row] = value;
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use neus_render::composite::{Packing, SampleVisibility, Visibility};
+    use scene_decomp::Geometry;
+
+    use super::*;
+    use crate::train::batch::FieldSamples;
+
+    fn samples(at: &[f32]) -> FieldSamples {
+        FieldSamples {
+            points: at.iter().flat_map(|x| [*x, 0.0, 0.0]).collect(),
+            directions: at.iter().flat_map(|_| [1.0, 0.0, 0.0]).collect(),
+            ray: vec![0; at.len()],
+            ..FieldSamples::default()
+        }
+    }
+
+    #[test]
+    fn the_spread_is_the_double_sum() {
+        // Along x: the object at -0.5 and 0.1, the background at -0.9, 0.1 and 0.7.
+        let marched = MarchedBatch {
+            packing: Packing::new(
+                vec![0, 4],
+                vec![0.1, 0.5, 1.1, 1.7],
+                vec![0.1; 4],
+                vec![1, 2],
+                vec![0, 2, 3],
+            ),
+            object: samples(&[-0.5, 0.1]),
+            background: samples(&[-0.9, 0.1, 0.7]),
+        };
+        let weights = |of: &[f32]| -> Vec<Visibility> {
+            of.iter()
+                .map(|&weight| Visibility {
+                    weight,
+                    ..Visibility::default()
+                })
+                .collect()
+        };
+        let look = Look {
+            object: Geometry::default(),
+            background: Geometry::default(),
+            visibility: SampleVisibility {
+                object: weights(&[0.3, 0.2]),
+                background: weights(&[0.1, 0.15, 0.25]),
+            },
+        };
+        let found = spread(&marched, &look);
+        let all = [
+            (-0.9f32, 0.1f32),
+            (-0.5, 0.3),
+            (0.1, 0.2),
+            (0.1, 0.15),
+            (0.7, 0.25),
+        ];
+        let expected =
+            |x: f32| -> f32 { all.iter().map(|(at, weight)| weight * (x - at).abs()).sum() };
+        for (found, x) in found.object.iter().zip([-0.5, 0.1]) {
+            assert!((found - expected(x)).abs() < 1e-6, "{found}");
+        }
+        for (found, x) in found.background.iter().zip([-0.9, 0.1, 0.7]) {
+            assert!((found - expected(x)).abs() < 1e-6, "{found}");
+        }
+    }
+}

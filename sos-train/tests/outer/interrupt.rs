@@ -1,0 +1,106 @@
+//! A run that is interrupted, and goes on.
+#![cfg(unix)]
+
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+fn sos(dir: &Path, arguments: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_sos"))
+        .args(arguments)
+        .current_dir(dir)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// Waits until `path` is there.
+fn wait_for(path: &Path, run: &mut Child) {
+    let started = Instant::now();
+    while !path.exists() {
+        assert!(run.try_wait().unwrap().is_none(), "the run ended early");
+        assert!(
+            started.elapsed() < Duration::from_secs(120),
+            "no {} after two minutes",
+            path.display()
+        );
+        sleep(Duration::from_millis(20));
+    }
+}
+
+fn interrupt(run: &Child) {
+    let sent = Command::new("kill")
+        .args(["-INT", &run.id().to_string()])
+        .status()
+        .unwrap();
+    assert!(sent.success());
+}
+
+fn says(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn ctrl_c_saves_and_resume_finishes() {
+    let dir = tempfile::tempdir().unwrap();
+    crate::fabricated::SCENE
+        .write(&dir.path().join("scene"))
+        .unwrap();
+    let run_dir = dir.path().join("run");
+
+    let settings = [
+        "steps=200",
+        "model.levels=5",
+        "model.log2_table_size=12",
+        "sampling.target_samples=2048",
+        "sampling.occupancy_resolution=32",
+        "export.mesh_resolution=48",
+    ];
+    let mut arguments = vec!["train", "scene", "--masks", "scene/coarse_masks"];
+    arguments.extend(["--out", "run", "--preset", "quick"]);
+    arguments.extend(settings.iter().flat_map(|setting| ["--set", setting]));
+    let mut run = sos(dir.path(), &arguments);
+    wait_for(&run_dir.join("log.jsonl"), &mut run);
+    interrupt(&run);
+    let output = run.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", says(&output));
+    let message = says(&output);
+    assert!(message.contains("train --resume --out run"), "{message}");
+    assert!(run_dir.join("checkpoint").join("numbers.json").exists());
+    assert!(!run_dir.join("report.html").exists());
+
+    let resume = ["train", "--resume", "--out", "run"];
+    let output = sos(dir.path(), &resume).wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", says(&output));
+    for folder in [
+        "alpha",
+        "foreground",
+        "background",
+        "background_seen",
+        "normal",
+        "depth",
+    ] {
+        assert_eq!(
+            fs::read_dir(run_dir.join(folder)).unwrap().count(),
+            fs::read_dir(dir.path().join("scene/images"))
+                .unwrap()
+                .count(),
+            "{folder}"
+        );
+    }
+    assert!(run_dir.join("report.html").exists());
+    // The log has one unbroken row of steps.
+    let log = fs::read_to_string(run_dir.join("log.jsonl")).unwrap();
+    let steps: Vec<u64> = log
+        .lines()
+        .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap())
+        .filter(|line| !line["psnr"].is_null())
+        .map(|line| line["step"].as_u64().unwrap())
+        .collect();
+    assert!(steps.is_sorted_by(|a, b| a < b), "{steps:?}");
+    assert_eq!(steps.last(), Some(&200));
+}
