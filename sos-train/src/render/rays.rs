@@ -271,8 +271,7 @@ fn background_depths(marched: &MarchedBatch, look: &Look) -> Vec<f32> {
         .windows(2)
         .map(|rows| {
             let (first, end) = (rows[0] as usize, rows[1] as usize);
-            // Behind the first sample that lets through less than half lies nothing; the last one
-            // is opaque.
+            // The sample behind which less than half is left; at the latest the last, which is opaque.
             (first..end)
                 .find(|&i| i + 1 == end || seen[i + 1].alone < 0.5)
                 .map_or(0.0, |i| packing.t()[packing.background()[i] as usize])

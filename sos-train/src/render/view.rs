@@ -10,7 +10,7 @@ use crate::prepare::{Prepared, outline};
 
 /// Mattes that differ by more than this from a neighbour's make an edge.
 const EDGE: f32 = 0.05;
-/// Mattes below this, less than a 16 bit picture's step times 64, have no colour.
+/// Mattes below this, a quarter of an 8 bit step, have no colour worth computing.
 const LEAST_ALPHA: f32 = 1e-3;
 /// How far around the object the plate is taken from BaCo instead of the photo, in pixels.
 const PLATE_REACH: i32 = 3;

@@ -82,8 +82,6 @@ pub struct StepReport {
     pub background_samples: usize,
     /// Grid levels in use.
     pub active_levels: usize,
-    /// Samples of both fields that were marched, most of them out of sight.
-    pub marched_samples: usize,
 }
 
 impl StepReport {
@@ -160,7 +158,6 @@ impl Trainer {
         let march = self.march_config();
         let (grids, partition) = space(&config, self.step, &self.grids, &self.map);
         let marched = self.marcher.march(&batch.rays, grids, &march, partition);
-        let marched_samples = marched.object.len() + marched.background.len();
         let look = self
             .freeze_fields(schedule)
             .look(&marched, &config, schedule.cos_anneal);
@@ -191,7 +188,6 @@ impl Trainer {
             object_samples: marched.object.len(),
             background_samples: marched.background.len(),
             active_levels: schedule.active_levels,
-            marched_samples,
             ..StepReport::default()
         };
         self.follow_budget(report.object_samples + report.background_samples);

@@ -32,10 +32,19 @@ const FOG_DEPTH: f32 = 0.1;
 /// Sparse points that each step asks for.
 const SURFACE_POINTS: usize = 256;
 
+/// Bounds of the logarithm of a density: of air, and of a wall in any step.
+const LEAST_LOG_DENSITY: f32 = -15.0;
+const MOST_LOG_DENSITY: f32 = 12.0;
+
 /// The density that BaCo's first output stands for when it is read as one.
 #[must_use]
 pub fn density_of(raw: f32) -> f32 {
-    (-raw).clamp(-15.0, 12.0).exp()
+    (-raw).clamp(LEAST_LOG_DENSITY, MOST_LOG_DENSITY).exp()
+}
+
+/// [`density_of`] for a tensor.
+fn densities_of(raw: Tensor<2>) -> Tensor<2> {
+    raw.neg().clamp(LEAST_LOG_DENSITY, MOST_LOG_DENSITY).exp()
 }
 
 /// What is fixed over a run.
@@ -327,11 +336,7 @@ fn fog(context: &StepContext, scene: &Scene, schedule: StepSchedule) -> Tensor<1
             Some(context.background_gradient.clone()),
         ),
     );
-    let density = geometry
-        .slice([0..FOG_POINTS, 0..1])
-        .neg()
-        .clamp(-15.0, 12.0)
-        .exp();
+    let density = densities_of(geometry.slice([0..FOG_POINTS, 0..1]));
     let clear = density.mul_scalar(-FOG_DEPTH).exp();
     clear.neg().add_scalar(1.0).mean()
 }
@@ -419,7 +424,7 @@ fn background_columns(
             samples.colour.clone(),
         ],
         Transparency::Density => {
-            let density = samples.sdf().neg().clamp(-15.0, 12.0).exp();
+            let density = densities_of(samples.sdf());
             let density = if at.stretch.is_empty() {
                 density
             } else {
