@@ -7,6 +7,7 @@ use burn::tensor::{Device, TensorData};
 use hashgrid::GridLayout;
 
 use crate::colour_field::{ColourFieldInputs, ColourFieldWeights, colour_field};
+use crate::directions::colour_extra;
 use crate::sdf_field::{SdfFieldConfig, SdfFieldWeights, sdf_field};
 use crate::surface::Surface;
 
@@ -18,6 +19,7 @@ pub struct FrozenSurface {
     sdf: SdfFieldWeights,
     colour: ColourFieldWeights,
     config: SdfFieldConfig,
+    direction_degree: u32,
     device: Device,
 }
 
@@ -84,6 +86,7 @@ impl FrozenSurface {
                 b3: constant(c.b3),
             },
             config: surface.sdf_config(layout, active_levels, None),
+            direction_degree: surface.direction_degree(),
         }
     }
 
@@ -110,7 +113,7 @@ impl FrozenSurface {
 
     /// Colours `[n, C]` of points with the geometry that [`FrozenSurface::geometry`] returned.
     ///
-    /// `directions: [n, 3]` are unit; `extra` is `[n, E]`.
+    /// `directions` is `[n, 3]`, `extra` `[n, E]`.
     #[must_use]
     pub fn colour(
         &self,
@@ -123,15 +126,14 @@ impl FrozenSurface {
         if n == 0 {
             return Vec::new();
         }
+        let extra = colour_extra(directions, extra, self.direction_degree);
+        let columns = extra.len() / n;
         values(colour_field(
             ColourFieldInputs {
                 geometry: self.rows(geometry.values.clone(), geometry.columns),
                 points: self.rows(points.to_vec(), 3),
                 directions: self.rows(directions.to_vec(), 3),
-                extra: Tensor::from_data(
-                    TensorData::new(extra.to_vec(), [n, extra.len() / n]),
-                    &self.device,
-                ),
+                extra: Tensor::from_data(TensorData::new(extra, [n, columns]), &self.device),
             },
             self.colour.clone(),
         ))

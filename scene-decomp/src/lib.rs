@@ -14,6 +14,7 @@
 //! Flex. Shapes: `n` points, `L` grid levels, `G` geometry features.
 
 pub mod colour_field;
+pub mod directions;
 pub mod probability;
 pub mod sdf_field;
 

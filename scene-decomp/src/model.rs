@@ -26,6 +26,8 @@ pub struct SceneConfig {
     pub background_features: usize,
     /// BaCo's shape before training.
     pub background_initial: InitialShape,
+    /// Degree of the harmonics of view directions that colours depend on; 1: the direction alone.
+    pub direction_degree: u32,
     /// `s` in `b = exp(10 s)`, the sharpness of the logistic density, before training.
     pub sharpness_start: f32,
 }
@@ -39,6 +41,7 @@ impl SceneConfig {
             hidden: self.hidden,
             features: self.object_features,
             extra: 0,
+            direction_degree: self.direction_degree,
             outputs: 4,
             half_side: 1.0,
             beta: 100.0,
@@ -54,6 +57,7 @@ impl SceneConfig {
             hidden: self.hidden,
             features: self.background_features,
             extra: 1,
+            direction_degree: self.direction_degree,
             outputs: 3,
             half_side: BACKGROUND_HALF_SIDE,
             beta: 100.0,

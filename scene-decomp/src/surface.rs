@@ -4,12 +4,13 @@ use std::sync::Arc;
 
 use burn::Tensor;
 use burn::module::Module;
-use burn::tensor::Device;
+use burn::tensor::{Device, TensorData};
 use hashgrid::{GridConfig, GridLayout, HashGrid, SparseGrad};
 use serde::{Deserialize, Serialize};
 
 use crate::colour_field::{ColourFieldInputs, ColourFieldWeights, colour_field};
 use crate::dense::{Dense, Random};
+use crate::directions::{colour_extra, harmonics};
 use crate::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, sdf_field};
 
 /// The sign of the sphere that a field starts from.
@@ -34,6 +35,8 @@ pub struct SurfaceConfig {
     pub features: usize,
     /// Further inputs of the colour network.
     pub extra: usize,
+    /// Degree of the [`spherical_harmonics`] that the colour network sees beside the direction.
+    pub direction_degree: u32,
     /// Outputs of the colour network: 3, or 4 with an alpha head.
     pub outputs: usize,
     /// The field covers `[-half_side, half_side]^3`.
@@ -56,6 +59,7 @@ pub struct Surface {
     half_side: f32,
     beta: f32,
     flat: bool,
+    direction_degree: u32,
 }
 
 /// What a surface says about points.
@@ -116,7 +120,8 @@ impl Surface {
         w2.extend(random.normals(hidden * config.features, 0.0, he));
         let mut b2 = vec![0.0; 1 + config.features];
         b2[0] = if sign == 0.0 { radius } else { -sign * radius };
-        let colour_inputs = 9 + 1 + config.features + config.extra;
+        let colour_inputs =
+            9 + 1 + config.features + config.extra + harmonics(config.direction_degree);
         Self {
             grid: HashGrid::new(&config.grid, seed, device),
             sdf: [
@@ -131,6 +136,7 @@ impl Surface {
             half_side: config.half_side,
             beta: config.beta,
             flat: matches!(config.initial, InitialShape::Flat(_)),
+            direction_degree: config.direction_degree,
         }
     }
 
@@ -194,17 +200,31 @@ impl Surface {
         sdf_field(points, self.sdf_weights(), config)
     }
 
-    /// Geometry and colour of `points: [n, 3]` seen along unit `directions: [n, 3]`.
+    /// Degree of the harmonics that the colour network sees beside the direction.
+    #[must_use]
+    pub fn direction_degree(&self) -> u32 {
+        self.direction_degree
+    }
+
+    /// Geometry and colour of `points: [n, 3]` seen along `directions: [n, 3]`.
     ///
     /// `extra` is `[n, E]`; `E` is zero for FoCoR and one, m^P, for BaCo.
     #[must_use]
     pub fn sample(
         &self,
-        points: Tensor<2>,
-        directions: Tensor<2>,
-        extra: Tensor<2>,
+        points: &[f32],
+        directions: &[f32],
+        extra: &[f32],
         config: SdfFieldConfig,
     ) -> SurfaceSamples {
+        let n = points.len() / 3;
+        let device = self.grid.table.val().device();
+        let rows = |values: Vec<f32>| {
+            let columns = values.len().checked_div(n).unwrap_or(0);
+            Tensor::<2>::from_data(TensorData::new(values, [n, columns]), &device)
+        };
+        let extra = rows(colour_extra(directions, extra, self.direction_degree));
+        let (points, directions) = (rows(points.to_vec()), rows(directions.to_vec()));
         let geometry = self.geometry(points.clone(), config);
         let colour = colour_field(
             ColourFieldInputs {

@@ -40,6 +40,7 @@ fn config() -> SurfaceConfig {
         hidden: 64,
         features: 7,
         extra: 1,
+        direction_degree: 1,
         outputs: 4,
         half_side: 2.0,
         // Softer than the default: the references differ by rounding times the sharpness.

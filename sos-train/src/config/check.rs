@@ -44,6 +44,7 @@ impl TrainConfig {
                 1 << 20,
             ),
             ("model.log2_table_size", model.log2_table_size, 8, 24),
+            ("model.direction_degree", model.direction_degree, 1, 4),
             ("model.hidden", model.hidden, 8, 1024),
             ("model.object_features", model.object_features, 1, 256),
             (
@@ -104,6 +105,7 @@ impl TrainConfig {
             ("schedule.view_start", schedule.view_start),
             ("schedule.view_end", schedule.view_end),
             ("loss.mask_floor", loss.mask_floor),
+            ("loss.mask_trusted", loss.mask_trusted),
             ("loss.ignore_band", loss.ignore_band),
             ("schedule.final_ratio", schedule.final_ratio),
             ("schedule.levels_end", schedule.levels_end),
@@ -146,6 +148,7 @@ impl TrainConfig {
             ("loss.mask", loss.mask),
             ("loss.points", loss.points),
             ("loss.distortion", loss.distortion),
+            ("loss.distortion_late", loss.distortion_late),
             ("loss.fog", loss.fog),
             ("loss.hidden", loss.hidden),
             ("loss.background", loss.background),

@@ -78,6 +78,9 @@ pub struct ModelConfig {
     pub finest_resolution: u32,
     /// Binary logarithm of the entries a level's table has at most.
     pub log2_table_size: u32,
+    /// Degree of the spherical harmonics of view directions that colours depend on, up to 4; 1: the
+    /// direction alone, as in the paper.
+    pub direction_degree: u32,
     /// How a grid is read between its vertices.
     pub interpolation: Interpolation,
     /// Width of every hidden layer.
@@ -120,10 +123,15 @@ pub struct LossConfig {
     pub mask_end: f32,
     /// The weight's fraction that stays from then on.
     pub mask_floor: f32,
+    /// Weight of the masks once there is an object, as far as they agree with it (see
+    /// `train::agreement`).
+    pub mask_trusted: f32,
     /// Width of the band along mask edges where masks say nothing, as a share of the object's size.
     pub ignore_band: f32,
     /// Weight of the distortion loss: light should come from one place on each ray.
     pub distortion: f32,
+    /// What that weight rises to once FoCoR has been carved out.
+    pub distortion_late: f32,
     /// Weight of the background's opacity at random points: fog of the colour behind it shows in no
     /// photo, but in plates.
     pub fog: f32,

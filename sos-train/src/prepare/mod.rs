@@ -13,7 +13,7 @@ use io_colmap::SparsePoint;
 use scene_decomp::probability::ProbabilityMap;
 
 pub use frame::Frame;
-pub use outline::{Label, Outline};
+pub use outline::{Label, Outline, Vote};
 pub use view::TrainView;
 
 use crate::config::PrepareConfig;

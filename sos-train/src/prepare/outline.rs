@@ -69,17 +69,37 @@ impl Outline {
         Label::from_byte(self.labels[(y * self.width + x) as usize])
     }
 
-    /// Whether the view's own mask says "object" at a pixel; `None` where it is not to be relied on.
+    /// What the view's own mask says at a pixel; `None` without a mask that is believed.
     #[must_use]
-    pub fn vote(&self, x: u32, y: u32) -> Option<bool> {
-        match self.label(x, y) {
-            _ if !self.masked => None,
-            Label::Background | Label::DoubtfulBackground => Some(false),
-            Label::Object | Label::DoubtfulObject => Some(true),
-            Label::Unknown => None,
-        }
+    pub fn vote(&self, x: u32, y: u32) -> Option<Vote> {
+        let byte = self.labels[(y * self.width + x) as usize];
+        self.masked.then(|| match Label::from_byte(byte) {
+            Label::Unknown => Vote {
+                object: byte == UNKNOWN_OBJECT,
+                weight: EDGE_VOTE,
+            },
+            label => Vote {
+                object: label.target().0 > 0.5,
+                weight: 1.0,
+            },
+        })
     }
 }
+
+/// What a pixel's mask says about the surface it shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vote {
+    /// Whether it is the object's.
+    pub object: bool,
+    /// How much this counts, up to 1.
+    pub weight: f32,
+}
+
+/// What a vote on a mask's edge counts: nothing beside views that see the place well inside or
+/// outside, and everything where all views see it at the outline.
+const EDGE_VOTE: f32 = 0.1;
+/// [`Label::Unknown`] where the own mask says object.
+const UNKNOWN_OBJECT: u8 = 5;
 
 /// The largest m^P on each pixel's ray, 8 bit, at a `1 / stride` of the photo's size.
 #[must_use]
@@ -212,7 +232,11 @@ pub fn outline(
                     None => Label::Unknown,
                 }
             };
-            labels[i] = label as u8;
+            let own = mask.is_some_and(|mask| mask.get_pixel(x, y).0[0] >= 128);
+            labels[i] = match label {
+                Label::Unknown if own => UNKNOWN_OBJECT,
+                label => label as u8,
+            };
         }
     }
     Outline {

@@ -13,6 +13,7 @@ use scene_decomp::SurfaceVotes;
 use scene_decomp::probability::ProbabilityMap;
 use serde::{Deserialize, Serialize};
 
+use super::agreement::Agreement;
 use super::{OVERLAP, Trainer};
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
@@ -38,6 +39,7 @@ const MOMENTS: [&str; 2] = ["object_moments.f32", "background_moments.f32"];
 const OCCUPANCY: [&str; 2] = ["object_occupancy.f32", "background_occupancy.f32"];
 const VOTES: [&str; 2] = ["object_votes.f32", "votes.f32"];
 const MAP: &str = "probability.f32";
+const AGREEMENT: &str = "agreement.f32";
 const NUMBERS: &str = "numbers.json";
 
 impl Trainer {
@@ -101,6 +103,7 @@ impl Trainer {
             write_floats(&path(name), votes)?;
         }
         write_floats(&path(MAP), self.map.values())?;
+        write_floats(&path(AGREEMENT), &self.agreement.values())?;
         let numbers = Numbers {
             step: self.step,
             rays: self.rays,
@@ -167,6 +170,10 @@ impl Trainer {
         let [object, total] = [read_floats(&path(VOTES[0]))?, read_floats(&path(VOTES[1]))?];
         self.votes = SurfaceVotes::from_values(resolution, object, total)
             .ok_or_else(|| misfit("record of votes"))?;
+        let views = self.agreement.views();
+        let agreement = read_floats(&path(AGREEMENT))?;
+        self.agreement =
+            Agreement::from_values(views, &agreement).ok_or_else(|| misfit("record of masks"))?;
         let map = read_floats(&path(MAP))?;
         if map.len() != resolution.pow(3) {
             return Err(misfit("probability map").into());

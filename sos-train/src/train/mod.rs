@@ -1,5 +1,6 @@
 //! The training loop and what it keeps.
 
+pub mod agreement;
 pub mod batch;
 pub mod blend;
 pub mod carve;
@@ -24,6 +25,7 @@ use scene_decomp::{FrozenSurface, Scene, Sharpness, SurfaceVotes};
 
 use crate::config::{AlphaSource, Blend, ProbabilitySource, TrainConfig, Transparency};
 use crate::prepare::{Label, Prepared};
+use agreement::Agreement;
 use batch::{BatchMarcher, MarchedBatch, Partition};
 use grids::{FieldGrids, GridRule};
 use sampler::{RayBatch, Sampler, step_random};
@@ -42,6 +44,9 @@ const VOTES_EVERY: u32 = 250;
 const VOTES_KEPT: f32 = 0.7;
 /// Lighter samples do not vote.
 const LEAST_VOTE: f32 = 0.02;
+/// Share of the run after the carving, or after the start, in which FoCoR finds its outline before
+/// masks are compared with it.
+const SETTLING: f32 = 0.1;
 /// How far `s` may stay below its cap: b by a factor of 2.
 const SHARPNESS_SLACK: f32 = 0.07;
 
@@ -58,6 +63,7 @@ pub struct Trainer {
     /// m^P as it is now.
     map: ProbabilityMap,
     votes: SurfaceVotes,
+    agreement: Agreement,
     sampler: Sampler,
     marcher: BatchMarcher,
     step: u32,
@@ -164,6 +170,7 @@ impl Trainer {
         if config.model.probability == ProbabilitySource::Surface {
             self.vote(data, &batch, &marched, &look);
         }
+        self.compare_masks(&batch, &marched, &look);
         // Where the background is asked for by itself, it has to be complete behind the object too.
         let model = &config.model;
         let both_alone = model.blend == Blend::Ray || model.alpha == AlphaSource::Head;
@@ -178,7 +185,7 @@ impl Trainer {
                 look.background_drawn(&marched, alone, &mut random)
             }
         };
-        let spread = (config.loss.distortion > 0.0)
+        let spread = (schedule.distortion_weight > 0.0)
             .then(|| distortion::spread(&marched, &look).select(&object_rows, &drawn.rows));
         let mut marched = marched.keep(&object_rows, &drawn.rows);
         marched.background.stretch = drawn.stretch;
@@ -191,6 +198,11 @@ impl Trainer {
             ..StepReport::default()
         };
         self.follow_budget(report.object_samples + report.background_samples);
+        let trust: Vec<f32> = batch
+            .views
+            .iter()
+            .map(|view| self.agreement.trust(*view as usize))
+            .collect();
         let loss = step::loss(
             &self.context,
             &self.scene,
@@ -198,6 +210,7 @@ impl Trainer {
             &batch,
             &marched,
             spread.as_ref(),
+            &trust,
             schedule,
         );
         self.step += 1;
@@ -244,10 +257,11 @@ impl Trainer {
                 if seen.weight < LEAST_VOTE {
                     continue;
                 }
-                if let Some(object) = batch.votes[samples.ray[i] as usize] {
+                if let Some(vote) = batch.votes[samples.ray[i] as usize] {
                     // In the box BaCo's contracted space is the box's own.
                     let point = Vec3::from_slice(&samples.points[3 * i..]);
-                    self.votes.add(point, seen.weight, object);
+                    self.votes
+                        .add(point, seen.weight * vote.weight, vote.object);
                 }
             }
         }
@@ -260,6 +274,27 @@ impl Trainer {
         }
         if self.step.is_multiple_of(VOTES_EVERY) {
             self.votes.fade(VOTES_KEPT);
+        }
+    }
+
+    /// Compares the batch's mattes with the masks, once there is an object to speak of.
+    fn compare_masks(&mut self, batch: &RayBatch, marched: &MarchedBatch, look: &Look) {
+        let config = &self.context.config;
+        let settled = schedule::carve_step(config) + (SETTLING * config.steps as f32) as u32;
+        if config.loss.mask_trusted == 0.0 || self.step < settled {
+            return;
+        }
+        let mut mattes = vec![0.0f32; batch.rays.len()];
+        for (ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
+            mattes[*ray as usize] += seen.weight;
+        }
+        for ((view, vote), matte) in batch.views.iter().zip(&batch.votes).zip(mattes) {
+            if let Some(vote) = vote {
+                self.agreement.add(*view as usize, matte, vote.object);
+            }
+        }
+        if self.step.is_multiple_of(VOTES_EVERY) {
+            self.agreement.update();
         }
     }
 

@@ -5,7 +5,7 @@ use neus_render::rays::Ray;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use crate::prepare::{Label, Prepared};
+use crate::prepare::{Label, Prepared, Vote};
 
 /// Rays of one step with what is known about their pixels; all lists `[rays]`.
 #[derive(Clone, Debug, Default)]
@@ -14,10 +14,12 @@ pub struct RayBatch {
     pub rays: Vec<Ray>,
     /// The photo's colour in `[0, 1]`, `[rays * 3]`.
     pub colours: Vec<f32>,
+    /// The view that each ray belongs to.
+    pub views: Vec<u32>,
     /// What the pixel is taken for.
     pub labels: Vec<Label>,
-    /// What the view's own mask says, where it is to be relied on.
-    pub votes: Vec<Option<bool>>,
+    /// What the view's own mask says.
+    pub votes: Vec<Option<Vote>>,
 }
 
 /// Draws rays; the same seed and step give the same batch.
@@ -71,6 +73,7 @@ impl Sampler {
             };
             let colour = scene.views[view].photo.get_pixel(x, y).0;
             batch.rays.push(ray);
+            batch.views.push(view as u32);
             batch.colours.extend(colour.map(|c| f32::from(c) / 255.0));
             batch.labels.push(scene.outlines[view].label(x, y));
             batch.votes.push(scene.outlines[view].vote(x, y));

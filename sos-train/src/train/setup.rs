@@ -6,6 +6,7 @@ use burn::tensor::Device;
 use hashgrid::{GridConfig, GridLayout, LazyAdam};
 use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 
+use super::agreement::Agreement;
 use super::batch::BatchMarcher;
 use super::grids::FieldGrids;
 use super::sampler::Sampler;
@@ -84,6 +85,7 @@ pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
             Transparency::Sdf => InitialShape::Hollow(1.8),
             Transparency::Density => InitialShape::Flat(2.0),
         },
+        direction_degree: model.direction_degree,
         sharpness_start: config.schedule.sharpness_start,
     }
 }
@@ -126,6 +128,7 @@ impl Trainer {
             ),
             map: scene.map.clone(),
             votes: SurfaceVotes::new(scene.map.resolution()),
+            agreement: Agreement::new(scene.views.len()),
             sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
             marcher: BatchMarcher::default(),
             step: 0,

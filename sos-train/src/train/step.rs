@@ -81,6 +81,8 @@ pub struct StepSchedule {
     pub view_share: f32,
     /// Weight of the mask loss.
     pub mask_weight: f32,
+    /// Weight of the distortion loss.
+    pub distortion_weight: f32,
 }
 
 /// The losses of a step, as numbers.
@@ -129,7 +131,8 @@ fn slope(samples: &SurfaceSamples, directions: &Tensor<2>) -> Tensor<2> {
 
 /// The loss of a batch, ready for `backward`, with its parts.
 ///
-/// Returns `None` when no ray has a sample.
+/// `mask_trust` `[rays]` says how far each ray's mask can be relied on in detail, 0 to 1. Returns
+/// `None` when no ray has a sample.
 #[must_use]
 pub fn loss(
     context: &StepContext,
@@ -138,6 +141,7 @@ pub fn loss(
     batch: &RayBatch,
     marched: &MarchedBatch,
     spread: Option<&Spread>,
+    mask_trust: &[f32],
     schedule: StepSchedule,
 ) -> Option<(Tensor<1>, StepLosses)> {
     if marched.object.is_empty() && marched.background.is_empty() {
@@ -216,13 +220,33 @@ pub fn loss(
         );
         add(part, schedule.mask_weight, &mut losses.mask);
     }
+    if weights.mask_trusted > 0.0 && mask_trust.iter().any(|trust| *trust > 0.0) {
+        let (targets, trust) = batch
+            .votes
+            .iter()
+            .zip(mask_trust)
+            .map(|(vote, trust)| {
+                vote.map_or((0.0, 0.0), |vote| {
+                    (f32::from(u8::from(vote.object)), *trust)
+                })
+            })
+            .unzip();
+        let hidden = matte.clone().neg().add_scalar(1.001).log();
+        let part = mask_loss(
+            matte.clone(),
+            hidden,
+            list(targets, device),
+            Some(list(trust, device)),
+        );
+        add(part, weights.mask_trusted, &mut losses.mask);
+    }
     if weights.hidden > 0.0 && config.model.blend == Blend::Sample {
         // Where the mask says that the object is to be seen, nothing hides it: floaters near a
         // camera, made up for a highlight.
         let visible = batch
             .votes
             .iter()
-            .map(|v| f32::from(u8::from(*v == Some(true))));
+            .map(|v| v.map_or(0.0, |v| f32::from(u8::from(v.object && v.weight == 1.0))));
         let opacity = opacity.reshape([n_rays]).detach();
         let part = (opacity - matte.clone())
             .clamp_min(0.0)
@@ -231,7 +255,11 @@ pub fn loss(
         add(part, weights.hidden, &mut losses.hidden);
     }
     if let Some(spread) = spread {
-        add(spread.mean(), weights.distortion, &mut losses.distortion);
+        add(
+            spread.mean(),
+            schedule.distortion_weight,
+            &mut losses.distortion,
+        );
     }
     if let Some(samples) = &object_samples {
         add(
@@ -374,12 +402,16 @@ fn object_columns(
             Tensor::zeros([0, composite::object_column::COUNT], device),
         );
     }
-    let m = at.len();
     let directions = constant(&at.directions, 3, device);
+    let views: Vec<f32> = at
+        .directions
+        .iter()
+        .map(|d| schedule.view_share * d)
+        .collect();
     let samples = scene.object.sample(
-        constant(&at.points, 3, device),
-        directions.clone().mul_scalar(schedule.view_share),
-        Tensor::zeros([m, 0], device),
+        &at.points,
+        &views,
+        &[],
         scene.object.sdf_config(
             &context.object_layout,
             schedule.active_levels,
@@ -408,9 +440,9 @@ fn background_columns(
     }
     let directions = constant(&at.directions, 3, device);
     let samples = scene.background.sample(
-        constant(&at.points, 3, device),
-        directions.clone(),
-        constant(&at.probability, 1, device),
+        &at.points,
+        &at.directions,
+        &at.probability,
         scene.background.sdf_config(
             &context.background_layout,
             schedule.background_levels,

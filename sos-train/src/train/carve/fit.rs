@@ -63,10 +63,15 @@ impl Trainer {
                 .collect();
             let colours =
                 teacher.colour(&geometry, &lesson.points, &lesson.directions, &probability);
+            let views: Vec<f32> = lesson
+                .directions
+                .iter()
+                .map(|d| schedule.view_share * d)
+                .collect();
             let samples = self.scene.object.sample(
-                rows(&lesson.points, 3, &device),
-                rows(&lesson.directions, 3, &device).mul_scalar(schedule.view_share),
-                Tensor::zeros([POINTS, 0], &device),
+                &lesson.points,
+                &views,
+                &[],
                 self.scene.object.sdf_config(
                     &self.context.object_layout,
                     schedule.active_levels,
