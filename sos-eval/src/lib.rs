@@ -12,8 +12,9 @@
 //! | surfaces | [`compare_meshes`], [`sample_surface`], [`distances`] |
 //!
 //! Above them stand whole folders: [`compare_folders`] for mattes, [`compare_plates`] for
-//! backgrounds, [`run_eval`] for all that one run wrote. They return a [`Report`], which is JSON through
-//! serde and text through [`Report::table`].
+//! backgrounds, [`run_eval`] for all that one run wrote, [`compare_contenders`] for several results
+//! side by side. They return a [`Report`], which is JSON through serde and text through
+//! [`Report::table`].
 //!
 //! Alpha is straight and in 0..=1 at native resolution; colours are in 0..=1 as stored. Everything
 //! is row-major. Scores are taken per view, then averaged over views; a view for which nothing was
@@ -40,6 +41,7 @@
 struct ReadmeExamples;
 
 mod boundary;
+mod comparison;
 mod error;
 mod filter;
 mod folders;
@@ -56,6 +58,7 @@ mod run;
 mod table;
 
 pub use boundary::{BOUNDARY_SHARE, band_width, boundary_band, boundary_iou};
+pub use comparison::{Compared, Comparison, Contender, compare_contenders, mattes_by_view};
 pub use error::EvalError;
 pub use folders::compare_folders;
 pub use glam;

@@ -32,18 +32,15 @@ impl Report {
             .max()
             .unwrap_or(0);
 
-        let mut out = format!("{:names$}", "");
-        for heading in HEADINGS {
-            push(&mut out, format_args!("  {heading:>8}"));
-        }
+        let mut out = format!("{:names$}{}", "", score_headings());
         for (i, (name, score)) in rows.iter().enumerate() {
             if i == summary {
                 out.push_str("\nworst views");
             }
-            push(&mut out, format_args!("\n{name:names$}"));
-            for (value, decimals) in score.to_array().into_iter().zip(DECIMALS) {
-                push(&mut out, format_args!("  {value:8.decimals$}"));
-            }
+            push(
+                &mut out,
+                format_args!("\n{name:names$}{}", score_cells(score)),
+            );
         }
         out.push('\n');
         self.push_plate(&mut out);
@@ -127,6 +124,24 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.table(WORST))
     }
+}
+
+/// The names of a score's values, each ten characters wide.
+pub(crate) fn score_headings() -> String {
+    HEADINGS
+        .iter()
+        .map(|heading| format!("  {heading:>8}"))
+        .collect()
+}
+
+/// A score's values below [`score_headings`].
+pub(crate) fn score_cells(score: &AlphaScore) -> String {
+    score
+        .to_array()
+        .into_iter()
+        .zip(DECIMALS)
+        .map(|(value, decimals)| format!("  {value:8.decimals$}"))
+        .collect()
 }
 
 /// Writing to a string cannot fail.

@@ -6,10 +6,11 @@
 
 mod args;
 mod evaluate;
+mod hull;
 mod input;
 mod train;
 
-pub use args::{Command, EvalArgs, ReportArgs, Sos, TrainArgs};
+pub use args::{Command, CompareArgs, EvalArgs, HullArgs, ReportArgs, Sos, TrainArgs};
 
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
 use clap::Parser as _;
@@ -52,6 +53,8 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
     match command {
         Command::Train(args) => train::train(args),
         Command::Eval(args) => evaluate::eval(args).map(|()| EXIT_OK),
+        Command::Compare(args) => evaluate::compare(args).map(|()| EXIT_OK),
+        Command::Hull(args) => hull::write(args).map(|()| EXIT_OK),
         Command::Report(args) => evaluate::report(args).map(|()| EXIT_OK),
         Command::DemoScene { out } => input::write_demo(out).map(|()| EXIT_OK),
     }

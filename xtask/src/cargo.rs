@@ -82,6 +82,7 @@ impl Workspace {
         let command = match task {
             Task::Train => program("sos-train", "sos", &["train"]),
             Task::Eval => program("sos-train", "sos", &["eval"]),
+            Task::Compare => program("sos-train", "sos", &["compare"]),
             Task::Sos => program("sos-train", "sos", &[]),
             Task::Demo => program("demo-scene", "demo-scene", &[]),
             Task::Bench => self.cargo("bench", everywhere(&arguments)),
@@ -90,7 +91,7 @@ impl Workspace {
                 .with_all(everywhere(&arguments)),
         };
         let mut command = command.with_all(arguments);
-        if matches!(task, Task::Train | Task::Eval | Task::Sos) {
+        if matches!(task, Task::Train | Task::Eval | Task::Compare | Task::Sos) {
             // So that hints can be pasted: `cargo xtask train --resume`.
             command.environment.push(("SOS_INVOKED_AS", "cargo xtask"));
         }

@@ -10,6 +10,7 @@ usage: cargo xtask TASK [ARGUMENTS]
 
   train [SCENE]   train a scene and write mattes, plates, normals, depth and mesh (sos train)
   eval RUN        score a run against ground truth (sos eval)
+  compare ...     score runs and other systems' masks side by side (sos compare)
   sos ...         any other command of the sos program
   demo OUT        write the demo scene with its exact ground truth (demo-scene)
   test            run all tests (cargo test --release --workspace)
@@ -30,6 +31,7 @@ examples:
 pub(crate) enum Task {
     Train,
     Eval,
+    Compare,
     Sos,
     Demo,
     Test,
@@ -38,9 +40,10 @@ pub(crate) enum Task {
     Ci,
 }
 
-const TASKS: [(&str, Task); 8] = [
+const TASKS: [(&str, Task); 9] = [
     ("train", Task::Train),
     ("eval", Task::Eval),
+    ("compare", Task::Compare),
     ("sos", Task::Sos),
     ("demo", Task::Demo),
     ("test", Task::Test),

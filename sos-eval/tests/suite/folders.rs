@@ -239,3 +239,39 @@ fn the_table_is_aligned_and_names_the_worst() {
         "Display shows five of the three views"
     );
 }
+
+#[test]
+fn contenders_are_scored_side_by_side() {
+    let (root, pred, truth, start) = scene();
+    for i in 0..3 {
+        // A run has its mattes in alpha/; any other system's are a folder of pictures.
+        let shifted = disc(40, 21.0, 20.0, 10.0);
+        save(&shifted, &pred.join(format!("alpha/{i:03}.png")));
+    }
+    save(&disc(40, 20.0, 20.0, 10.0), &start.join("001.png"));
+    let contenders = [
+        Contender::parse(pred.to_str().unwrap()),
+        Contender::parse(&format!("rough masks={}", start.display())),
+    ];
+    let comparison = compare_contenders(&contenders, &truth).unwrap();
+    let [run, rough] = &comparison.contenders[..] else {
+        panic!("two contenders");
+    };
+    assert_eq!(
+        (run.name.as_str(), rough.name.as_str()),
+        ("pred", "rough masks")
+    );
+    assert!(run.report.mean.iou > 0.8 && run.report.mean.iou < 1.0);
+    assert_near(rough.report.mean.iou, 1.0 / 3.0, 1e-12);
+    let table = comparison.table();
+    assert!(
+        table.contains("rough masks: 2 of 3 mattes missing"),
+        "{table}"
+    );
+    assert_eq!(table.lines().count(), 4, "{table}");
+
+    let rows = mattes_by_view(&contenders, &truth).unwrap();
+    let found: Vec<_> = rows.iter().map(|(_, files)| files[2].is_some()).collect();
+    assert_eq!(found, [false, true, false]);
+    assert!(compare_contenders(&contenders, root.path()).is_err());
+}

@@ -37,6 +37,10 @@ pub enum Command {
     Train(Box<TrainArgs>),
     /// Score a run against ground truth and print a table.
     Eval(EvalArgs),
+    /// Score several runs, or folders of any system's masks, against the same truth.
+    Compare(CompareArgs),
+    /// Write the classical answer: the masks' soft visual hull, seen from every view.
+    Hull(HullArgs),
     /// Make a run's report.html again.
     Report(ReportArgs),
     /// Write the built-in demo scene with its ground truth into a folder.
@@ -109,6 +113,39 @@ pub struct EvalArgs {
     /// Print all scores as JSON instead of a table.
     #[arg(long)]
     pub json: bool,
+}
+
+/// `sos compare`.
+#[derive(Debug, Clone, Args)]
+pub struct CompareArgs {
+    /// Run folders, or NAME=DIR for any folder of mattes or masks.
+    #[arg(required = true, value_name = "RUN|NAME=DIR")]
+    pub contenders: Vec<String>,
+    /// Folder of true mattes, or a scene folder with alpha_gt/ in it.
+    #[arg(long, value_name = "DIR")]
+    pub gt: PathBuf,
+    /// Also write a page with every view's mattes side by side.
+    #[arg(long, value_name = "FILE.html")]
+    pub page: Option<PathBuf>,
+    /// Print all scores as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `sos hull`.
+#[derive(Debug, Clone, Args)]
+pub struct HullArgs {
+    /// Folder with photos and their COLMAP model.
+    pub scene: PathBuf,
+    /// Folder with a rough mask per photo.
+    #[arg(long, value_name = "DIR")]
+    pub masks: PathBuf,
+    /// Colour of the object in the masks: white or black [default: detected].
+    #[arg(long, value_enum, value_name = "COLOUR", hide_possible_values = true)]
+    pub polarity: Option<MaskPolarity>,
+    /// Folder for the mattes, a PNG per view; it must not exist yet.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
 }
 
 /// `sos report`.

@@ -1,9 +1,9 @@
 //! `sos eval` and `sos report`.
 
-use super::{EvalArgs, ReportArgs, answer};
-use crate::report::{ReportInputs, write_report};
+use super::{CompareArgs, EvalArgs, ReportArgs, answer};
+use crate::report::{ReportInputs, comparison_page, write_report};
 use crate::run_folder::{RunError, RunFolder};
-use sos_eval::Report;
+use sos_eval::{Contender, Report, compare_contenders};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -35,6 +35,34 @@ pub(super) fn eval(args: &EvalArgs) -> anyhow::Result<()> {
                 }
             }
         }
+    }
+    Ok(())
+}
+
+/// Scores several results beside each other.
+pub(super) fn compare(args: &CompareArgs) -> anyhow::Result<()> {
+    let contenders: Vec<Contender> = args
+        .contenders
+        .iter()
+        .map(|c| Contender::parse(c))
+        .collect();
+    let comparison = compare_contenders(&contenders, &args.gt)?;
+    answer(&if args.json {
+        serde_json::to_string_pretty(&comparison)?
+    } else {
+        comparison.table()
+    });
+    if let Some(path) = &args.page {
+        let page = comparison_page(&comparison, &contenders, &args.gt)?;
+        let folder = path.parent().filter(|dir| !dir.as_os_str().is_empty());
+        let written = tempfile::NamedTempFile::new_in(folder.unwrap_or(Path::new(".")))
+            .and_then(|mut file| file.write_all(page.as_bytes()).map(|()| file))
+            .and_then(|file| Ok(file.persist(path)?));
+        written.map_err(|source| RunError::Io {
+            action: "write",
+            path: path.clone(),
+            source,
+        })?;
     }
     Ok(())
 }

@@ -148,8 +148,7 @@ impl TrainConfig {
             ("loss.mask", loss.mask),
             ("loss.points", loss.points),
             ("loss.distortion", loss.distortion),
-            ("loss.distortion_late", loss.distortion_late),
-            ("loss.fog", loss.fog),
+            ("loss.far", loss.far),
             ("loss.hidden", loss.hidden),
             ("loss.background", loss.background),
             (

@@ -130,11 +130,8 @@ pub struct LossConfig {
     pub ignore_band: f32,
     /// Weight of the distortion loss: light should come from one place on each ray.
     pub distortion: f32,
-    /// What that weight rises to once FoCoR has been carved out.
-    pub distortion_late: f32,
-    /// Weight of the background's opacity at random points: fog of the colour behind it shows in no
-    /// photo, but in plates.
-    pub fog: f32,
+    /// Weight of light coming from far outside the box, while BaCo finds the geometry.
+    pub far: f32,
     /// Weight of what hides the object where its mask says that it is to be seen.
     pub hidden: f32,
     /// Weight of distance = 0 at sparse points on the object.

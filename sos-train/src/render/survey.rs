@@ -1,6 +1,7 @@
 //! A coarse look at every view, to know which views saw what lies behind the object.
 
 use glam::{Affine3A, Vec2, Vec3};
+use image::RgbImage;
 use neus_render::rays::Ray;
 
 use super::rays::FrozenScene;
@@ -12,6 +13,9 @@ const STRIDE: u32 = 4;
 const DEPTH_TOLERANCE: f32 = 0.03;
 /// A matte above this hides what is behind.
 const HIDDEN: f32 = 0.2;
+/// How far, as a root mean square over the channels, a photo's colour may be from the plate's where
+/// it shows the same place: highlights move, but what looks quite different is something else.
+const COLOUR_TOLERANCE: f32 = 0.12;
 
 /// One view's matte and background depth on a coarse raster.
 #[derive(Clone, Debug)]
@@ -69,9 +73,10 @@ impl Survey {
         Self { views }
     }
 
-    /// How many views saw the point that `ray` meets at `distance`, with the object not before it.
+    /// How many views saw the point that `ray` meets at `distance`, with the object not before it, in
+    /// about the `colour` that the plate gives it.
     #[must_use]
-    pub fn seen(&self, data: &Prepared, ray: &Ray, distance: f32) -> u8 {
+    pub fn seen(&self, data: &Prepared, ray: &Ray, distance: f32, colour: Vec3) -> u8 {
         if distance <= 0.0 {
             return 0;
         }
@@ -82,12 +87,24 @@ impl Survey {
             .iter()
             .zip(&self.views)
             .filter(|(view, coarse)| {
-                view.project(world)
-                    .is_some_and(|(pixel, _)| coarse.shows(point, pixel))
+                view.project(world).is_some_and(|(pixel, _)| {
+                    coarse.shows(point, pixel) && agrees(&view.photo, pixel, colour)
+                })
             })
             .count();
         count.min(255) as u8
     }
+}
+
+/// Whether a photo has this colour at a pixel or next to it.
+fn agrees(photo: &RgbImage, pixel: Vec2, colour: Vec3) -> bool {
+    let (x, y) = (pixel.x as u32, pixel.y as u32);
+    (y.saturating_sub(1)..(y + 2).min(photo.height())).any(|y| {
+        (x.saturating_sub(1)..(x + 2).min(photo.width())).any(|x| {
+            let there = Vec3::from(photo.get_pixel(x, y).0.map(f32::from)) / 255.0;
+            there.distance_squared(colour) <= 3.0 * COLOUR_TOLERANCE * COLOUR_TOLERANCE
+        })
+    })
 }
 
 impl CoarseView {

@@ -85,7 +85,7 @@ pub fn render_view(
         let plate = photo.lerp(hit.background, share);
         out.background[i] = plate.to_array();
         out.seen[i] = if share > 0.0 {
-            survey.seen(data, &rays[k], hit.background_distance)
+            survey.seen(data, &rays[k], hit.background_distance, hit.background)
         } else {
             all
         };

@@ -5,12 +5,14 @@
 //! made again at any time. A thumbnail of the run's own results leads to the file at full size, as
 //! long as page and files lie together.
 
+mod comparison;
 mod curves;
 mod inputs;
 mod page;
 mod thumbnail;
 mod views;
 
+pub use comparison::comparison_page;
 pub use inputs::ReportInputs;
 
 use crate::run_folder::{RunError, RunFolder};
@@ -34,6 +36,9 @@ pub enum ReportError {
     /// Scene or masks.
     #[error(transparent)]
     Scene(#[from] io_colmap::ColmapError),
+    /// Mattes to compare.
+    #[error(transparent)]
+    Scores(#[from] sos_eval::EvalError),
     /// A picture that cannot be read.
     #[error("cannot read the picture {} for the report ({reason}); check that it is as the run left it", path.display())]
     Picture {

@@ -9,7 +9,7 @@ use sos_eval::AlphaScore;
 use std::fmt::Write as _;
 use std::time::Duration;
 
-const STYLE: &str = include_str!("style.css");
+pub(super) const STYLE: &str = include_str!("style.css");
 /// Views listed as the worst.
 const WORST: usize = 5;
 

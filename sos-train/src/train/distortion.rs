@@ -20,6 +20,8 @@ pub struct Spread {
     pub object: Vec<f32>,
     /// BaCo's, `[m_b]`.
     pub background: Vec<f32>,
+    /// How far outside the box BaCo's samples lie, `[m_b]`: 0 in the box, 1 at infinity.
+    pub far: Vec<f32>,
 }
 
 impl Spread {
@@ -30,6 +32,7 @@ impl Spread {
         Self {
             object: of(&self.object, object),
             background: of(&self.background, background),
+            far: of(&self.far, background),
         }
     }
 }
@@ -42,6 +45,7 @@ pub fn spread(marched: &MarchedBatch, look: &Look) -> Spread {
     let mut out = Spread {
         object: vec![0.0; marched.object.len()],
         background: vec![0.0; marched.background.len()],
+        far: marched.background.points.chunks_exact(3).map(far).collect(),
     };
     // (is BaCo's, row, weight, position) of one ray, front to back.
     let mut ray_samples: Vec<(bool, usize, f32, f32)> = Vec::new();
@@ -94,6 +98,15 @@ pub fn spread(marched: &MarchedBatch, look: &Look) -> Spread {
         }
     }
     out
+}
+
+/// How far outside the box a point of contracted space lies, 0 to 1.
+///
+/// A camera that looks down at a table from one side is the only one to look that way. So the far
+/// end of its rays can be painted with its photo, and the table need not exist: no other photo
+/// objects, but plates show the hole. Light from far away has a price until geometry is there.
+fn far(contracted: &[f32]) -> f32 {
+    (Vec3::from_slice(contracted).abs().max_element() - 1.0).clamp(0.0, 1.0)
 }
 
 #[cfg(test)]
@@ -156,6 +169,8 @@ mod tests {
         for (found, x) in found.object.iter().zip([-0.5, 0.1]) {
             assert!((found - expected(x)).abs() < 1e-6, "{found}");
         }
+        assert_eq!(found.far, [0.0; 3]);
+        assert_eq!(far(&[0.2, -1.5, 1.0]), 0.5);
         for (found, x) in found.background.iter().zip([-0.9, 0.1, 0.7]) {
             assert!((found - expected(x)).abs() < 1e-6, "{found}");
         }

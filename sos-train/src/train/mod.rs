@@ -185,7 +185,7 @@ impl Trainer {
                 look.background_drawn(&marched, alone, &mut random)
             }
         };
-        let spread = (schedule.distortion_weight > 0.0)
+        let spread = (config.loss.distortion > 0.0 || schedule.far_weight > 0.0)
             .then(|| distortion::spread(&marched, &look).select(&object_rows, &drawn.rows));
         let mut marched = marched.keep(&object_rows, &drawn.rows);
         marched.background.stretch = drawn.stretch;

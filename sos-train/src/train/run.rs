@@ -183,7 +183,7 @@ fn train(
                     ("mask".to_owned(), losses.mask),
                     ("points".to_owned(), losses.points),
                     ("distortion".to_owned(), losses.distortion),
-                    ("fog".to_owned(), losses.fog),
+                    ("far".to_owned(), losses.far),
                     ("hidden".to_owned(), losses.hidden),
                 ]),
             })?;

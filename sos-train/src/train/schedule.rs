@@ -23,7 +23,7 @@ pub fn at(config: &TrainConfig, step: u32, levels: usize) -> StepSchedule {
         } else {
             mask_weight(&config.loss, progress)
         },
-        distortion_weight: distortion_weight(config, progress),
+        far_weight: far_weight(config, progress),
         view_share: rise(
             progress,
             config.schedule.view_start,
@@ -32,16 +32,13 @@ pub fn at(config: &TrainConfig, step: u32, levels: usize) -> StepSchedule {
     }
 }
 
-/// Share of the run over which the distortion loss reaches its later weight.
-const DISTORTION_RISE: f32 = 0.3;
+/// Share of the run after the carving in which the price of distance falls to nothing.
+const FAR_FALL: f32 = 0.2;
 
-/// While geometry is being found, light gathered too soon spoils it; later on it settles whether a
-/// table's polish is a surface or a window to a mirrored world.
-fn distortion_weight(config: &TrainConfig, progress: f32) -> f32 {
-    let loss = &config.loss;
+/// Distance has its price while geometry is being found; later on it would only pull at it.
+fn far_weight(config: &TrainConfig, progress: f32) -> f32 {
     let start = carve_step(config) as f32 / config.steps.max(1) as f32;
-    let risen = rise(progress, start, start + DISTORTION_RISE);
-    loss.distortion + risen * (loss.distortion_late - loss.distortion)
+    config.loss.far * (1.0 - rise(progress, start, start + FAR_FALL))
 }
 
 /// 0 until `start`, 1 from `end` on, even in between.

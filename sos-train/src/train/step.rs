@@ -24,11 +24,6 @@ use crate::prepare::Label;
 
 /// Points of the box that the sparsity loss looks at in each step.
 const SPARSITY_POINTS: usize = 512;
-/// Points that the fog loss looks at in each step, how far out in contracted space, and the length
-/// over which opacity counts.
-const FOG_POINTS: usize = 1024;
-const FOG_REACH: f32 = 1.3;
-const FOG_DEPTH: f32 = 0.1;
 /// Sparse points that each step asks for.
 const SURFACE_POINTS: usize = 256;
 
@@ -81,8 +76,8 @@ pub struct StepSchedule {
     pub view_share: f32,
     /// Weight of the mask loss.
     pub mask_weight: f32,
-    /// Weight of the distortion loss.
-    pub distortion_weight: f32,
+    /// Weight of light that comes from far away.
+    pub far_weight: f32,
 }
 
 /// The losses of a step, as numbers.
@@ -104,8 +99,8 @@ pub struct StepLosses {
     pub points: f32,
     /// Distortion.
     pub distortion: f32,
-    /// Fog.
-    pub fog: f32,
+    /// Light from far away.
+    pub far: f32,
     /// What hides the object.
     pub hidden: f32,
     /// Mean squared error of the joint colour.
@@ -254,12 +249,9 @@ pub fn loss(
             .mean();
         add(part, weights.hidden, &mut losses.hidden);
     }
-    if let Some(spread) = spread {
-        add(
-            spread.mean(),
-            schedule.distortion_weight,
-            &mut losses.distortion,
-        );
+    if let Some([spread, far]) = spread {
+        add(spread.mean(), weights.distortion, &mut losses.distortion);
+        add(far.mean(), schedule.far_weight, &mut losses.far);
     }
     if let Some(samples) = &object_samples {
         add(
@@ -273,10 +265,6 @@ pub fn loss(
         let sdf = object_sdf(context, scene, schedule, &points);
         let part = sparsity_loss(sdf, weights.sparsity_tau, SparsityForm::Plain, None);
         add(part, weights.sparsity, &mut losses.sparsity);
-    }
-    if weights.fog > 0.0 && config.model.background == Transparency::Density {
-        let part = fog(context, scene, schedule);
-        add(part, weights.fog, &mut losses.fog);
     }
     if weights.points > 0.0 && !marched.object.is_empty() && !context.points.is_empty() {
         let mut random = step_random(context.config.seed ^ 0x0901_4720, schedule.step);
@@ -299,7 +287,8 @@ fn scalar(tensor: &Tensor<1>) -> f32 {
     tensor.clone().into_scalar::<f32>()
 }
 
-/// The distortion loss of each ray, up to terms without gradient, `[rays, 1]`.
+/// Of each ray the distortion loss, up to terms without gradient, and how far its light comes from;
+/// each `[rays, 1]`.
 fn spread_pixels(
     object: Tensor<2>,
     background: Tensor<2>,
@@ -307,14 +296,15 @@ fn spread_pixels(
     packing: Arc<Packing>,
     compositing: CompositeConfig,
     spread: &Spread,
-) -> Tensor<2> {
-    let painted = |samples: Tensor<2>, values: &[f32], colour: usize| {
+) -> [Tensor<2>; 2] {
+    let painted = |samples: Tensor<2>, spread: &[f32], far: &[f32], colour: usize| {
         let [m, columns] = samples.dims();
         let device = samples.device();
         let mut parts = vec![
             samples.clone().slice([0..m, 0..colour]),
-            constant(values, 1, &device),
-            Tensor::zeros([m, 2], &device),
+            constant(spread, 1, &device),
+            constant(far, 1, &device),
+            Tensor::zeros([m, 1], &device),
         ];
         if columns > colour + 3 {
             parts.push(Tensor::ones([m, columns - colour - 3], &device));
@@ -323,17 +313,24 @@ fn spread_pixels(
     };
     let rays = packing.ray_count();
     let pixels = composite(
-        painted(object, &spread.object, composite::object_column::COLOUR),
+        painted(
+            object,
+            &spread.object,
+            &vec![0.0; spread.object.len()],
+            composite::object_column::COLOUR,
+        ),
         painted(
             background,
             &spread.background,
+            &spread.far,
             composite::background_column::COLOUR,
         ),
         sharpness,
         packing,
         compositing,
     );
-    pixels.slice([0..rays, column::JOINT_COLOUR..column::JOINT_COLOUR + 1])
+    [column::JOINT_COLOUR, column::JOINT_COLOUR + 1]
+        .map(|of| pixels.clone().slice([0..rays, of..of + 1]))
 }
 
 /// Random points of the box, `[SPARSITY_POINTS * 3]`: mostly where no ray ever looks.
@@ -345,28 +342,6 @@ fn unseen_points(seed: u64, step: u32) -> Vec<f32> {
     (0..3 * SPARSITY_POINTS)
         .map(|_| random.random_range(-1.0..1.0))
         .collect()
-}
-
-/// How opaque BaCo is at random points in and around the box, `[1]`: mean of `1 - exp(-density d)`.
-///
-/// Fog of the colour of what lies behind it costs nothing in any photo, but it shows in plates. The
-/// exponential leaves alone what is opaque.
-fn fog(context: &StepContext, scene: &Scene, schedule: StepSchedule) -> Tensor<1> {
-    let mut random = step_random(context.config.seed ^ 0x00f0_6000, schedule.step);
-    let points: Vec<f32> = (0..3 * FOG_POINTS)
-        .map(|_| random.random_range(-FOG_REACH..FOG_REACH))
-        .collect();
-    let geometry = scene.background.geometry(
-        constant(&points, 3, &context.device),
-        scene.background.sdf_config(
-            &context.background_layout,
-            schedule.background_levels,
-            Some(context.background_gradient.clone()),
-        ),
-    );
-    let density = densities_of(geometry.slice([0..FOG_POINTS, 0..1]));
-    let clear = density.mul_scalar(-FOG_DEPTH).exp();
-    clear.neg().add_scalar(1.0).mean()
 }
 
 /// FoCoR's distance at `points` `[n * 3]`, `[n]`.

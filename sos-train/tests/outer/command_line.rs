@@ -247,3 +247,50 @@ fn evaluation_prints_a_table_or_json_and_keeps_the_scores() {
     );
     refused(dir.path(), &["report", gt_path], &["holds no run"]);
 }
+
+#[test]
+fn the_visual_hull_is_written_and_compared() {
+    let dir = tempfile::tempdir().unwrap();
+    tiny_scene(&dir.path().join("scene"));
+    let hull = [
+        "hull",
+        "scene",
+        "--masks",
+        "scene/coarse_masks",
+        "--out",
+        "hull",
+    ];
+    let output = sos(dir.path(), &hull);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    refused(dir.path(), &hull, &["hull", "exists already", "--out"]);
+
+    let output = sos(
+        dir.path(),
+        &[
+            "compare",
+            "hull",
+            "rough=scene/coarse_masks",
+            "--gt",
+            "scene",
+            "--page",
+            "page.html",
+        ],
+    );
+    let table = text(&output.stdout);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let iou = |name: &str| -> f64 {
+        let line = table.lines().find(|line| line.starts_with(name)).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    };
+    // Two of six views have no mask, but the others' hull covers them.
+    assert!(iou("hull") > iou("rough") && iou("hull") < 1.0, "{table}");
+    let page = fs::read_to_string(dir.path().join("page.html")).unwrap();
+    // Truth, hull and the four masks of six views.
+    assert_eq!(page.matches("<img ").count(), 16);
+    assert!(!page.contains("http"), "the page needs the network");
+    refused(
+        dir.path(),
+        &["compare", "--gt", "scene", "nowhere"],
+        &["nowhere"],
+    );
+}
