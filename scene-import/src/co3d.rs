@@ -8,6 +8,7 @@ use crate::error::ImportError;
 use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
 use crate::lens::Frame;
+use crate::photos::ByName;
 use crate::pose;
 use flate2::read::MultiGzDecoder;
 use glam::{DMat3, DVec2, DVec3};
@@ -52,7 +53,7 @@ struct Viewpoint {
     intrinsics_format: Option<String>,
 }
 
-pub(crate) fn read(detected: &Detected) -> Result<Imported, ImportError> {
+pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Imported, ImportError> {
     let path = &detected.source;
     let category = path.parent().unwrap_or(Path::new("."));
     // The folder of one sequence, or of the category.
@@ -87,10 +88,18 @@ pub(crate) fn read(detected: &Detected) -> Result<Imported, ImportError> {
         ));
     }
 
+    let named = match images {
+        Some(folder) => Some(ByName::below(&root, Some(folder))?),
+        None => None,
+    };
     let mut gather = Gather::default();
     for frame in &frames {
         let name = &frame.image.path;
-        let Some(photo) = find(category, name) else {
+        let photo = match &named {
+            Some(photos) => photos.find(name).map(Path::to_path_buf),
+            None => find(category, name),
+        };
+        let Some(photo) = photo else {
             gather.drop_view(name, "has no photo");
             continue;
         };

@@ -4,8 +4,16 @@ use crate::error::ImportError;
 use crate::format::Detected;
 use crate::gather::Imported;
 use io_colmap::Scene;
+use std::path::Path;
 
-pub(crate) fn read(detected: &Detected) -> Result<Imported, ImportError> {
+pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Imported, ImportError> {
+    if let Some(folder) = images {
+        return Err(ImportError::bad(
+            folder,
+            "a COLMAP model finds its photos beside it, under the names they were registered with",
+            "put them into images/ and leave --images out",
+        ));
+    }
     let scene = Scene::open(&detected.root)?;
     let photos = scene
         .model

@@ -86,13 +86,13 @@ pub fn read(detected: &Detected, images: Option<&Path>) -> Result<Imported, Impo
         ));
     }
     match detected.format {
-        Format::Colmap => colmap::read(detected),
+        Format::Colmap => colmap::read(detected, images),
         Format::Transforms => transforms::read(detected, images),
         Format::Llff => llff::read(detected, images),
         Format::Neus => neus::read(detected, images),
         Format::BlendedMvs => blended_mvs::read(detected, images),
-        Format::Co3d => co3d::read(detected),
-        Format::Tum => tum::read(detected),
+        Format::Co3d => co3d::read(detected, images),
+        Format::Tum => tum::read(detected, images),
         Format::Metashape => metashape::read(detected, images),
         Format::RealityCapture => reality_capture::read(detected, images),
     }

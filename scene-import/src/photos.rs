@@ -39,6 +39,31 @@ pub(crate) fn at_path(folder: &Path, stated: &str) -> Option<PathBuf> {
     })
 }
 
+/// How to find the photos that a file names by their paths.
+#[derive(Debug)]
+pub(crate) enum Lookup<'a> {
+    /// From this folder.
+    From(&'a Path),
+    /// By name alone, in the folder that the user stated.
+    Named(ByName),
+}
+
+impl<'a> Lookup<'a> {
+    pub(crate) fn new(root: &'a Path, stated: Option<&Path>) -> Result<Self, ImportError> {
+        Ok(match stated {
+            Some(folder) => Lookup::Named(ByName::below(root, Some(folder))?),
+            None => Lookup::From(root),
+        })
+    }
+
+    pub(crate) fn find(&self, path: &str) -> Option<PathBuf> {
+        match self {
+            Lookup::From(root) => at_path(root, path),
+            Lookup::Named(photos) => photos.find(path).map(Path::to_path_buf),
+        }
+    }
+}
+
 /// The pictures directly in a folder, sorted by name as Python's `sorted` and most loaders do.
 pub(crate) fn in_folder(folder: &Path) -> Vec<PathBuf> {
     let mut all: Vec<PathBuf> = std::fs::read_dir(folder)

@@ -7,7 +7,7 @@ use crate::error::{ImportError, load};
 use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
 use crate::lens::Frame as LensFrame;
-use crate::photos::{ByName, at_path, stored_size};
+use crate::photos::{Lookup, at_path, stored_size};
 use crate::pose;
 use glam::{DMat3, DVec2, DVec3};
 use io_colmap::{Camera, CameraModel, Pose};
@@ -108,17 +108,10 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
                 .to_owned(),
         );
     }
-    let stated = match images {
-        Some(folder) => Some(ByName::below(&detected.root, Some(folder))?),
-        None => None,
-    };
+    let photos = Lookup::new(&detected.root, images)?;
     let mut masks = 0;
     for (i, frame) in file.frames.iter().enumerate() {
-        let photo = match &stated {
-            Some(photos) => photos.find(&frame.file_path).map(Path::to_path_buf),
-            None => at_path(&detected.root, &frame.file_path),
-        };
-        let Some(photo) = photo else {
+        let Some(photo) = photos.find(&frame.file_path) else {
             gather.drop_view(&frame.file_path, "has no photo");
             continue;
         };

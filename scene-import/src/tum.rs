@@ -8,7 +8,7 @@ use crate::error::{ImportError, load_text};
 use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
 use crate::lens::Frame;
-use crate::photos::at_path;
+use crate::photos::Lookup;
 use crate::pose;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use io_colmap::{Camera, Pose};
@@ -49,12 +49,13 @@ struct Sample {
     rotation: DQuat,
 }
 
-pub(crate) fn read(detected: &Detected) -> Result<Imported, ImportError> {
+pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Imported, ImportError> {
     let root = &detected.root;
     let path = &detected.source;
     let samples = trajectory(path)?;
     let mut gather = Gather::default();
     let camera = camera(root, &mut gather.notes)?;
+    let photos = Lookup::new(root, images)?;
     let list = root.join("rgb.txt");
     for (line, time, rest) in timed_lines(&list)? {
         let [name] = rest.as_slice() else {
@@ -65,7 +66,7 @@ pub(crate) fn read(detected: &Detected) -> Result<Imported, ImportError> {
                 "correct or remove the line",
             ));
         };
-        let Some(photo) = at_path(root, name) else {
+        let Some(photo) = photos.find(name) else {
             gather.drop_view(name, "has no photo");
             continue;
         };

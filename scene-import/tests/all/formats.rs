@@ -173,6 +173,18 @@ fn photos_may_lie_elsewhere() {
         read(&detected, Some(&elsewhere)).unwrap().model.views.len(),
         4
     );
+    // So may those of the other formats that state paths.
+    let sequence = fixtures::co3d(&dir.path().join("co3d"), None);
+    fixtures::tum(&dir.path().join("freiburg1"));
+    for (scene, photos) in [(sequence, "images"), (dir.path().join("freiburg1"), "rgb")] {
+        let moved = dir.path().join(format!("moved {photos}"));
+        let detected = detect(&scene, None).unwrap();
+        fs::rename(scene.join(photos), &moved).unwrap();
+        fs::create_dir(scene.join(photos)).unwrap();
+        assert!(read(&detected, None).is_err());
+        let imported = read(&detected, Some(&moved)).unwrap();
+        assert_eq!(imported.model.views.len(), 4, "{photos}");
+    }
     let nowhere = read(&detected, Some(&dir.path().join("x"))).unwrap_err();
     assert!(nowhere.to_string().contains("no such folder"));
 }
