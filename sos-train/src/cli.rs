@@ -6,10 +6,11 @@
 
 mod args;
 mod evaluate;
+mod import;
 mod input;
 mod train;
 
-pub use args::{Command, EvalArgs, ReportArgs, Sos, TrainArgs};
+pub use args::{Command, EvalArgs, ImportArgs, ReportArgs, Sos, TrainArgs};
 
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
 use clap::Parser as _;
@@ -51,6 +52,7 @@ pub fn run() -> ExitCode {
 fn execute(command: &Command) -> anyhow::Result<u8> {
     match command {
         Command::Train(args) => train::train(args),
+        Command::Import(args) => import::import(args).map(|()| EXIT_OK),
         Command::Eval(args) => evaluate::eval(args).map(|()| EXIT_OK),
         Command::Report(args) => evaluate::report(args).map(|()| EXIT_OK),
         Command::DemoScene { out } => input::write_demo(out).map(|()| EXIT_OK),

@@ -9,6 +9,7 @@ The commands of this workspace. Arguments after the task's name go to the progra
 usage: cargo xtask TASK [ARGUMENTS]
 
   train [SCENE]   train a scene and write mattes, plates, normals, depth and mesh (sos train)
+  import SCENE    turn poses of another tool into a COLMAP scene (sos import)
   eval RUN        score a run against ground truth (sos eval)
   sos ...         any other command of the sos program
   demo OUT        write the demo scene with its exact ground truth (demo-scene)
@@ -29,6 +30,7 @@ examples:
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Task {
     Train,
+    Import,
     Eval,
     Sos,
     Demo,
@@ -38,8 +40,9 @@ pub(crate) enum Task {
     Ci,
 }
 
-const TASKS: [(&str, Task); 8] = [
+const TASKS: [(&str, Task); 9] = [
     ("train", Task::Train),
+    ("import", Task::Import),
     ("eval", Task::Eval),
     ("sos", Task::Sos),
     ("demo", Task::Demo),
