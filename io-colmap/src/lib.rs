@@ -8,6 +8,8 @@
 //! * [`Camera`] maps rays to pixels and back, through the lens distortion.
 //! * [`Scene`] finds the model (the sub-model with the most photos) and the photos in a folder,
 //!   and checks that they fit each other.
+//! * [`PhotoHeader`] and [`Scene::read_photo`] read photos of any usual format the way up that
+//!   their cameras have.
 //! * [`MaskSet`] finds masks under the names that different tools give them, and works out
 //!   whether white or black means the object.
 //!
@@ -59,6 +61,7 @@ mod jet;
 mod mask_names;
 mod masks;
 mod model;
+mod photo;
 mod polarity;
 mod pose;
 mod scene;
@@ -67,8 +70,9 @@ mod text;
 pub use camera::Camera;
 pub use camera_model::CameraModel;
 pub use error::{ColmapError, Place};
-pub use masks::{GreyImage, MaskSet};
+pub use masks::{GreyImage, MaskFiles, MaskSet};
 pub use model::{Model, Observation, SparsePoint, View, read_observations};
+pub use photo::{PICTURE_ENDINGS, PhotoHeader, is_picture, read_photo};
 pub use polarity::Polarity;
 pub use pose::Pose;
 pub use scene::Scene;

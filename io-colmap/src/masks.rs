@@ -2,6 +2,7 @@
 
 use crate::error::ColmapError;
 use crate::mask_names::match_masks;
+use crate::photo::is_picture;
 use crate::polarity::{Polarity, Share, decide};
 use crate::scene::{Scene, same_shape};
 use image::{DynamicImage, GrayImage};
@@ -53,46 +54,28 @@ impl MaskSet {
         scene: &Scene,
         polarity: Option<Polarity>,
     ) -> Result<MaskSet, ColmapError> {
+        let files = MaskFiles::find(dir, scene)?;
+        Self::of_files(dir, files, scene, polarity)
+    }
+
+    /// Looks into files that are already matched to photos. `place` is what messages name: the
+    /// folder of the masks, or the file that lists them.
+    ///
+    /// # Errors
+    /// As [`MaskSet::find`].
+    pub fn of_files(
+        place: &Path,
+        files: MaskFiles,
+        scene: &Scene,
+        polarity: Option<Polarity>,
+    ) -> Result<MaskSet, ColmapError> {
+        let MaskFiles {
+            paths,
+            how,
+            notes: about_files,
+        } = files;
         let views = &scene.model.views;
         let photos: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
-        let mut files = Vec::new();
-        list_images(dir, "", MAX_DEPTH, &mut files).map_err(|e| ColmapError::io("list", dir, e))?;
-        let mut all_photos = Vec::new();
-        list_images(&scene.image_dir, "", MAX_DEPTH, &mut all_photos)
-            .map_err(|e| ColmapError::io("list", &scene.image_dir, e))?;
-        if let (Ok(dir), Ok(images)) = (dir.canonicalize(), scene.image_dir.canonicalize()) {
-            if dir == images {
-                let registered: HashSet<&str> = photos.iter().copied().collect();
-                files.retain(|file| !registered.contains(file.as_str()));
-            }
-            // Masks below the photo folder are not photos, whose numbers they might resemble.
-            all_photos.retain(|file| !images.join(file).starts_with(&dir));
-        }
-        if files.is_empty() {
-            return Err(ColmapError::mask(
-                dir,
-                "the folder holds no PNG or JPEG masks",
-                "give the folder the masks lie in",
-            ));
-        }
-        let Some(matches) = match_masks(&photos, &all_photos, &files) else {
-            return Err(ColmapError::mask(
-                dir,
-                format!(
-                    "none of the {} masks (such as {:?}) can be matched to one of the {} photos (such as {:?})",
-                    files.len(),
-                    files[0],
-                    photos.len(),
-                    photos.first().copied().unwrap_or_default()
-                ),
-                "name each mask like its photo, with the ending .png",
-            ));
-        };
-        let paths: Vec<Option<PathBuf>> = matches
-            .mask_of
-            .iter()
-            .map(|m| m.map(|i| dir.join(&files[i])))
-            .collect();
         let missing: Vec<String> = photos
             .iter()
             .zip(&paths)
@@ -133,7 +116,7 @@ impl MaskSet {
                 "of a single colour each"
             };
             return Err(ColmapError::mask(
-                dir,
+                place,
                 format!(
                     "the {} masks found are {colour}, so none shows an object",
                     shares.len()
@@ -148,7 +131,7 @@ impl MaskSet {
             "{} of {} photos have a mask ({}), {} have none",
             looks.len(),
             photos.len(),
-            matches.how,
+            how,
             missing.len()
         );
         if !missing.is_empty() {
@@ -166,14 +149,7 @@ impl MaskSet {
         } else {
             format!("{polarity} as stated, though the masks look like {reasons}")
         });
-        notes.extend(matches.guess);
-        let unused = files.len() - looks.len();
-        if unused > 0 {
-            notes.push(format!(
-                "{unused} files in {} belong to no registered photo",
-                dir.display()
-            ));
-        }
+        notes.extend(about_files);
         if labels {
             notes.push("masks hold the labels 0 and 1, read as black and white".to_owned());
         }
@@ -202,7 +178,82 @@ impl MaskSet {
             labels,
         })
     }
+}
 
+/// Which file is whose mask, as far as names tell; what is in them has not been looked at.
+#[derive(Debug, Clone)]
+pub struct MaskFiles {
+    /// Parallel to the views of [`Scene::model`]; `None` where a photo has no mask.
+    pub paths: Vec<Option<PathBuf>>,
+    /// How they were matched, in a few words.
+    pub how: String,
+    /// What a user should know about that, a sentence each.
+    pub notes: Vec<String>,
+}
+
+impl MaskFiles {
+    /// Matches the pictures in `dir` to the scene's photos by the names that tools give masks.
+    ///
+    /// # Errors
+    /// [`ColmapError::Mask`] where nothing matches.
+    pub fn find(dir: &Path, scene: &Scene) -> Result<MaskFiles, ColmapError> {
+        let views = &scene.model.views;
+        let photos: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
+        let mut files = Vec::new();
+        list_images(dir, "", MAX_DEPTH, &mut files).map_err(|e| ColmapError::io("list", dir, e))?;
+        let mut all_photos = Vec::new();
+        list_images(&scene.image_dir, "", MAX_DEPTH, &mut all_photos)
+            .map_err(|e| ColmapError::io("list", &scene.image_dir, e))?;
+        if let (Ok(dir), Ok(images)) = (dir.canonicalize(), scene.image_dir.canonicalize()) {
+            if dir == images {
+                let registered: HashSet<&str> = photos.iter().copied().collect();
+                files.retain(|file| !registered.contains(file.as_str()));
+            }
+            // Masks below the photo folder are not photos, whose numbers they might resemble.
+            all_photos.retain(|file| !images.join(file).starts_with(&dir));
+        }
+        if files.is_empty() {
+            return Err(ColmapError::mask(
+                dir,
+                "the folder holds no masks (PNG, JPEG, WebP or TIFF files)",
+                "give the folder the masks lie in",
+            ));
+        }
+        let Some(matches) = match_masks(&photos, &all_photos, &files) else {
+            return Err(ColmapError::mask(
+                dir,
+                format!(
+                    "none of the {} masks (such as {:?}) can be matched to one of the {} photos (such as {:?})",
+                    files.len(),
+                    files[0],
+                    photos.len(),
+                    photos.first().copied().unwrap_or_default()
+                ),
+                "name each mask like its photo, with the ending .png",
+            ));
+        };
+        let paths: Vec<Option<PathBuf>> = matches
+            .mask_of
+            .iter()
+            .map(|m| m.map(|i| dir.join(&files[i])))
+            .collect();
+        let mut notes: Vec<String> = matches.guess.into_iter().collect();
+        let unused = files.len() - paths.iter().flatten().count();
+        if unused > 0 {
+            notes.push(format!(
+                "{unused} files in {} belong to no registered photo",
+                dir.display()
+            ));
+        }
+        Ok(MaskFiles {
+            paths,
+            how: matches.how,
+            notes,
+        })
+    }
+}
+
+impl MaskSet {
     /// One line: how many masks were found, how, and which colour is the object.
     #[must_use]
     pub fn summary(&self) -> String {
@@ -291,7 +342,7 @@ fn stretch_labels(mask: &mut GreyImage) {
         .for_each(|value| *value = value.saturating_mul(255));
 }
 
-/// Any PNG or JPEG as one channel: its alpha where that says something, else its luma.
+/// Any picture as one channel: its alpha where that says something, else its luma.
 fn read_mask(path: &Path) -> Result<GreyImage, ColmapError> {
     let decoded = image::ImageReader::open(path)
         .and_then(image::ImageReader::with_guessed_format)
@@ -301,7 +352,7 @@ fn read_mask(path: &Path) -> Result<GreyImage, ColmapError> {
             ColmapError::mask(
                 path,
                 format!("the mask cannot be decoded ({e})"),
-                "it must be a PNG or JPEG file; export it again",
+                "it must be a PNG, JPEG, WebP or TIFF file; export it again",
             )
         })?;
     Ok(to_grey(&decoded))
@@ -337,7 +388,7 @@ fn eight_bits(value: u16) -> u8 {
     ((u32::from(value) + 128) / 257) as u8
 }
 
-/// PNG and JPEG files below `dir`, as sorted paths with `/`; PNG after JPEG of the same name.
+/// Pictures below `dir`, as sorted paths with `/`; PNG after JPEG of the same name.
 fn list_images(
     dir: &Path,
     prefix: &str,
@@ -358,9 +409,7 @@ fn list_images(
             if depth > 0 {
                 list_images(&path, &format!("{prefix}{name}/"), depth - 1, out)?;
             }
-        } else if let Some((_, ending)) = name.rsplit_once('.')
-            && ["png", "jpg", "jpeg"].contains(&ending.to_ascii_lowercase().as_str())
-        {
+        } else if is_picture(&name) {
             out.push(format!("{prefix}{name}"));
         }
     }

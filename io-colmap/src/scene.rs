@@ -2,6 +2,8 @@
 
 use crate::error::ColmapError;
 use crate::model::{Format, Model, View};
+use crate::photo::{PhotoHeader, read_photo};
+use image::DynamicImage;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -79,6 +81,23 @@ impl Scene {
     pub fn image_path(&self, view: &View) -> PathBuf {
         self.image_dir.join(&view.name)
     }
+
+    /// A view's photo, the way up that its camera has.
+    ///
+    /// # Errors
+    /// [`ColmapError::Scene`] if it is missing or no picture.
+    pub fn read_photo(&self, view: &View) -> Result<DynamicImage, ColmapError> {
+        let camera = self.model.cameras.get(&view.camera_id);
+        // A scene without the view's camera is never opened; such a photo would be as stored.
+        let size = camera.map_or((0, 0), |camera| (camera.width, camera.height));
+        read_photo(&self.image_path(view), size)
+    }
+
+    /// Whether [`Scene::open`] would find a COLMAP model in the folder.
+    #[must_use]
+    pub fn has_model(dir: &Path) -> bool {
+        !model_folders(dir).is_empty()
+    }
 }
 
 /// Whether two sizes show the same picture up to its resolution.
@@ -113,27 +132,34 @@ fn sub_folders(dir: &Path) -> Vec<PathBuf> {
     all
 }
 
-fn find_model(dir: &Path, notes: &mut Vec<String>) -> Result<(PathBuf, Model), ColmapError> {
+/// The folders with models at the first place that has any.
+fn model_folders(dir: &Path) -> Vec<PathBuf> {
     let pool = |sparse: PathBuf| {
         let mut candidates = sub_folders(&sparse);
         candidates.push(sparse);
         candidates.retain(|path| Format::of(path).is_some());
         candidates
     };
-    let candidates = [
-        pool(dir.join("sparse")),
-        pool(dir.to_path_buf()),
-        pool(dir.join("colmap/sparse")),
+    [
+        dir.join("sparse"),
+        dir.to_path_buf(),
+        dir.join("colmap/sparse"),
     ]
     .into_iter()
-    .find(|candidates| !candidates.is_empty());
-    let Some(candidates) = candidates else {
+    .map(pool)
+    .find(|candidates| !candidates.is_empty())
+    .unwrap_or_default()
+}
+
+fn find_model(dir: &Path, notes: &mut Vec<String>) -> Result<(PathBuf, Model), ColmapError> {
+    let candidates = model_folders(dir);
+    if candidates.is_empty() {
         return Err(ColmapError::scene(
             dir,
             "no COLMAP model was found in sparse/, its sub-folders, the folder itself or colmap/sparse/",
             "put cameras, images and points3D (.bin or .txt) into sparse/0",
         ));
-    };
+    }
     let mut counts = Vec::new();
     let mut best: Option<(PathBuf, Model)> = None;
     for path in candidates {
@@ -219,33 +245,36 @@ fn find_images(dir: &Path, model: &Model, notes: &mut Vec<String>) -> Result<Pat
     ))
 }
 
-/// The size in a photo's header, in pixels.
-pub(crate) fn image_size(path: &Path) -> Result<(u32, u32), image::ImageError> {
-    image::ImageReader::open(path)?
-        .with_guessed_format()?
-        .into_dimensions()
-}
-
 /// Brings every camera to the size of its photos, or says which photo cannot be its.
 fn fit_cameras(
     model: &mut Model,
     image_dir: &Path,
     notes: &mut Vec<String>,
 ) -> Result<(), ColmapError> {
-    let sizes: Vec<(u32, u32)> = model
+    let cameras = &model.cameras;
+    let found: Vec<((u32, u32), bool)> = model
         .views
         .par_iter()
         .map(|view| {
-            let path = image_dir.join(&view.name);
-            image_size(&path).map_err(|e| {
-                ColmapError::scene(
-                    &path,
-                    format!("the photo's header cannot be read ({e})"),
-                    "it must be a PNG or JPEG file; copy or convert it again",
-                )
-            })
+            let header = PhotoHeader::read(&image_dir.join(&view.name))?;
+            let turned = cameras
+                .get(&view.camera_id)
+                .is_some_and(|camera| header.is_turned_for((camera.width, camera.height)));
+            let size = if turned {
+                header.upright()
+            } else {
+                header.stored
+            };
+            Ok((size, turned))
         })
-        .collect::<Result<_, _>>()?;
+        .collect::<Result<_, ColmapError>>()?;
+    let turned = found.iter().filter(|(_, turned)| *turned).count();
+    if turned > 0 {
+        notes.push(format!(
+            "{turned} photos are turned upright as their EXIF orientation says, which is how their cameras see them"
+        ));
+    }
+    let sizes: Vec<(u32, u32)> = found.into_iter().map(|(size, _)| size).collect();
 
     // Views by camera and true size; photos of one camera may have been resized differently.
     let mut groups: BTreeMap<(u32, (u32, u32)), Vec<usize>> = BTreeMap::new();

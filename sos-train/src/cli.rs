@@ -7,10 +7,11 @@
 mod args;
 mod evaluate;
 mod hull;
+mod import;
 mod input;
 mod train;
 
-pub use args::{Command, CompareArgs, EvalArgs, HullArgs, ReportArgs, Sos, TrainArgs};
+pub use args::{Command, CompareArgs, EvalArgs, HullArgs, ImportArgs, ReportArgs, Sos, TrainArgs};
 
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
 use clap::Parser as _;
@@ -52,6 +53,7 @@ pub fn run() -> ExitCode {
 fn execute(command: &Command) -> anyhow::Result<u8> {
     match command {
         Command::Train(args) => train::train(args),
+        Command::Import(args) => import::import(args).map(|()| EXIT_OK),
         Command::Eval(args) => evaluate::eval(args).map(|()| EXIT_OK),
         Command::Compare(args) => evaluate::compare(args).map(|()| EXIT_OK),
         Command::Hull(args) => hull::write(args).map(|()| EXIT_OK),

@@ -52,6 +52,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             || cause.is::<RunError>()
             || cause.is::<ExportError>()
             || cause.is::<io_colmap::ColmapError>()
+            || cause.is::<scene_import::ImportError>()
             || cause.is::<sos_eval::EvalError>()
             || cause.is::<demo_scene::DemoError>()
     });

@@ -30,6 +30,7 @@
 //!     polarity: None,
 //!     out: "/runs/cat".into(),
 //!     demo: false,
+//!     imported_from: None,
 //! };
 //! let record = RunRecord::new(config, input);
 //! assert_eq!(RunRecord::from_toml(&record.to_toml()?)?, record);

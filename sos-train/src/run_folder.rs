@@ -174,12 +174,12 @@ impl RunFolder {
             .any(|dir| fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_some()))
     }
 
-    /// Takes back what was written, after input that turned out to be unusable: nothing if nothing
-    /// was begun. The folder goes too if it is empty then.
+    /// Takes back what was written, after input that turned out to be unusable: results if any were
+    /// begun, and the scene if the run made it. The folder goes too if it is empty then.
     ///
     /// # Errors
     /// [`RunError::Io`].
-    pub(crate) fn abandon(&self, demo: bool) -> Result<(), RunError> {
+    pub(crate) fn abandon(&self, owns_scene: bool) -> Result<(), RunError> {
         let begun = self
             .pending
             .lock()
@@ -187,9 +187,9 @@ impl RunFolder {
             .is_none();
         if begun {
             self.clear()?;
-            if demo {
-                remove_folder(&self.demo_scene_dir())?;
-            }
+        }
+        if owns_scene {
+            remove_folder(&self.scene_dir())?;
         }
         // Refused for a folder with anything in it, which is the point.
         let _ = fs::remove_dir(&self.root);
@@ -244,10 +244,15 @@ impl RunFolder {
         self.root.join(CHECKPOINT)
     }
 
-    /// `scene/`: the demo scene, in a run of the demo.
+    /// `scene/`: the scene, where the run made it itself: the demo, and what was imported.
     #[must_use]
-    pub fn demo_scene_dir(&self) -> PathBuf {
-        self.root.join("scene")
+    pub fn scene_dir(&self) -> PathBuf {
+        Self::scene_in(&self.root)
+    }
+
+    /// [`RunFolder::scene_dir`] of the run at a path.
+    pub(crate) fn scene_in(root: &Path) -> PathBuf {
+        root.join("scene")
     }
 
     /// `mesh.ply`.
@@ -284,6 +289,27 @@ impl RunFolder {
     #[must_use]
     pub fn preview_path(&self) -> PathBuf {
         self.root.join("preview.png")
+    }
+
+    /// Puts a scene that was made elsewhere on the same disk into [`RunFolder::scene_dir`], in place
+    /// of one that an earlier run made there.
+    ///
+    /// # Errors
+    /// [`RunError::Io`].
+    pub(crate) fn take_scene(&self, made: &Path) -> Result<(), RunError> {
+        let dir = self.scene_dir();
+        remove_folder(&dir)?;
+        fs::rename(made, &dir).map_err(|e| RunError::io("create the folder", &dir, e))
+    }
+
+    /// A name in the run's folder for a scene that is being made; nothing is there.
+    ///
+    /// # Errors
+    /// [`RunError::Io`] if what an earlier attempt left cannot be removed.
+    pub(crate) fn fresh_scene_dir(&self) -> Result<PathBuf, RunError> {
+        let dir = self.root.join(format!("{PARTIAL}scene"));
+        remove_folder(&dir)?;
+        Ok(dir)
     }
 
     /// Writes a file in one piece: under another name first, then renamed. Folders on the way are
@@ -345,7 +371,11 @@ impl RunFolder {
         }
         for entry in fs::read_dir(&self.root).into_iter().flatten().flatten() {
             if entry.file_name().to_string_lossy().starts_with(PARTIAL) {
-                remove_file(&entry.path())?;
+                if entry.path().is_dir() {
+                    remove_folder(&entry.path())?;
+                } else {
+                    remove_file(&entry.path())?;
+                }
             }
         }
         Ok(())

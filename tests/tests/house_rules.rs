@@ -14,7 +14,7 @@ use std::{
 use serde_json::Value;
 
 /// What each crate may depend on within the workspace: the arrows of ARCHITECTURE.md.
-const ALLOWED: [(&str, &[&str]); 11] = [
+const ALLOWED: [(&str, &[&str]); 12] = [
     ("tensor-slices", &[]),
     ("hashgrid", &["tensor-slices"]),
     ("neus-render", &["tensor-slices"]),
@@ -24,6 +24,7 @@ const ALLOWED: [(&str, &[&str]); 11] = [
         &["hashgrid", "neus-render", "tensor-slices"],
     ),
     ("io-colmap", &[]),
+    ("scene-import", &["io-colmap"]),
     ("demo-scene", &[]),
     ("sos-eval", &[]),
     (
@@ -35,6 +36,7 @@ const ALLOWED: [(&str, &[&str]); 11] = [
             "losses",
             "neus-render",
             "scene-decomp",
+            "scene-import",
             "sos-eval",
             "tensor-slices",
         ],
@@ -49,6 +51,7 @@ const ALLOWED: [(&str, &[&str]); 11] = [
             "losses",
             "neus-render",
             "scene-decomp",
+            "scene-import",
             "sos-eval",
             "sos-train",
             "tensor-slices",
@@ -61,7 +64,13 @@ const ALLOWED: [(&str, &[&str]); 11] = [
 const ALLOWED_IN_TESTS: [(&str, &[&str]); 1] = [("losses", &["tensor-slices"])];
 
 /// Crates that are useful to people who do not use Burn, and quick to build without it.
-const WITHOUT_BURN: [&str; 4] = ["io-colmap", "sos-eval", "demo-scene", "xtask"];
+const WITHOUT_BURN: [&str; 5] = [
+    "io-colmap",
+    "scene-import",
+    "sos-eval",
+    "demo-scene",
+    "xtask",
+];
 
 /// A file is one idea; this is where it has certainly become two.
 const MOST_LINES: usize = 500;

@@ -81,6 +81,7 @@ impl Workspace {
         };
         let command = match task {
             Task::Train => program("sos-train", "sos", &["train"]),
+            Task::Import => program("sos-train", "sos", &["import"]),
             Task::Eval => program("sos-train", "sos", &["eval"]),
             Task::Compare => program("sos-train", "sos", &["compare"]),
             Task::Sos => program("sos-train", "sos", &[]),
@@ -91,7 +92,10 @@ impl Workspace {
                 .with_all(everywhere(&arguments)),
         };
         let mut command = command.with_all(arguments);
-        if matches!(task, Task::Train | Task::Eval | Task::Compare | Task::Sos) {
+        if matches!(
+            task,
+            Task::Train | Task::Import | Task::Eval | Task::Compare | Task::Sos
+        ) {
             // So that hints can be pasted: `cargo xtask train --resume`.
             command.environment.push(("SOS_INVOKED_AS", "cargo xtask"));
         }
@@ -151,6 +155,10 @@ mod tests {
         assert_eq!(
             line(Task::Eval, &["runs/demo"]),
             format!("{sos} eval runs/demo")
+        );
+        assert_eq!(
+            line(Task::Import, &["fox", "--out", "scene"]),
+            format!("{sos} import fox --out scene")
         );
         assert_eq!(line(Task::Sos, &["--version"]), format!("{sos} --version"));
     }

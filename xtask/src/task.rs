@@ -9,6 +9,7 @@ The commands of this workspace. Arguments after the task's name go to the progra
 usage: cargo xtask TASK [ARGUMENTS]
 
   train [SCENE]   train a scene and write mattes, plates, normals, depth and mesh (sos train)
+  import SCENE    turn poses of another tool into a COLMAP scene (sos import)
   eval RUN        score a run against ground truth (sos eval)
   compare ...     score runs and other systems' masks side by side (sos compare)
   sos ...         any other command of the sos program
@@ -30,6 +31,7 @@ examples:
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Task {
     Train,
+    Import,
     Eval,
     Compare,
     Sos,
@@ -40,8 +42,9 @@ pub(crate) enum Task {
     Ci,
 }
 
-const TASKS: [(&str, Task); 9] = [
+const TASKS: [(&str, Task); 10] = [
     ("train", Task::Train),
+    ("import", Task::Import),
     ("eval", Task::Eval),
     ("compare", Task::Compare),
     ("sos", Task::Sos),

@@ -5,6 +5,7 @@ mod damage;
 mod formats;
 mod lenses;
 mod masks;
+mod photos;
 mod sample;
 mod scenes;
 mod shared_scenes;

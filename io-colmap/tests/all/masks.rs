@@ -212,7 +212,7 @@ fn masks_without_an_object_are_refused() {
     };
     assert!(find(None).contains("cannot list"));
     std::fs::create_dir(&masks).unwrap();
-    assert!(find(None).contains("holds no PNG or JPEG masks; give the folder"));
+    assert!(find(None).contains("holds no masks (PNG, JPEG, WebP or TIFF files); give the folder"));
     for (value, says) in [(0, "all black"), (255, "all white")] {
         save(&masks, "p0.png", disc(64, 48, value, value));
         save(&masks, "p1.png", disc(64, 48, value, value));

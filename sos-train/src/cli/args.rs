@@ -35,6 +35,8 @@ pub struct Sos {
 pub enum Command {
     /// Train on a scene and write all results into a run folder.
     Train(Box<TrainArgs>),
+    /// Turn photos with camera poses of another tool into a COLMAP scene.
+    Import(ImportArgs),
     /// Score a run against ground truth and print a table.
     Eval(EvalArgs),
     /// Score several runs, or folders of any system's masks, against the same truth.
@@ -53,11 +55,14 @@ pub enum Command {
 /// `sos train`.
 #[derive(Debug, Clone, Default, Args)]
 pub struct TrainArgs {
-    /// Folder with photos and their COLMAP model [default: the built-in demo scene].
+    /// Folder with photos and camera poses of any known tool [default: the built-in demo scene].
     pub scene: Option<PathBuf>,
-    /// Folder with a rough mask per photo, or "none" [default: SCENE/masks if there].
-    #[arg(long, value_name = "DIR")]
+    /// Folder with a rough mask per photo, COCO JSON file, "alpha" or "none" [default: SCENE/masks if there].
+    #[arg(long, value_name = "PATH")]
     pub masks: Option<PathBuf>,
+    /// The object's number in masks that hold several [default: plain masks].
+    #[arg(long, value_name = "N")]
+    pub label: Option<u32>,
     /// Colour of the object in the masks: white or black [default: detected].
     #[arg(long, value_enum, value_name = "COLOUR", hide_possible_values = true)]
     pub polarity: Option<MaskPolarity>,
@@ -97,6 +102,32 @@ pub struct TrainArgs {
     /// Print nothing but errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// `sos import`.
+#[derive(Debug, Clone, Args)]
+pub struct ImportArgs {
+    /// Folder with photos and camera poses, or the file with the poses.
+    pub scene: PathBuf,
+    /// Folder to create, with images/, sparse/0/ and masks/.
+    #[arg(long, value_name = "FOLDER")]
+    pub out: PathBuf,
+    /// Tool the poses are from: colmap, transforms, llff, neus, blendedmvs, co3d, tum, metashape or
+    /// realitycapture [default: detected].
+    #[arg(long, value_name = "NAME")]
+    pub format: Option<scene_import::Format>,
+    /// Folder with the photos [default: where the poses say].
+    #[arg(long, value_name = "DIR")]
+    pub images: Option<PathBuf>,
+    /// Folder of masks, COCO JSON file, "alpha" or "none" [default: what comes with the poses].
+    #[arg(long, value_name = "PATH")]
+    pub masks: Option<PathBuf>,
+    /// The object's number in masks that hold several [default: plain masks].
+    #[arg(long, value_name = "N")]
+    pub label: Option<u32>,
+    /// Colour of the object in the masks: white or black [default: detected].
+    #[arg(long, value_enum, value_name = "COLOUR", hide_possible_values = true)]
+    pub polarity: Option<MaskPolarity>,
 }
 
 /// `sos eval`.

@@ -6,20 +6,26 @@ use crate::error::InputError;
 use crate::run_folder::{RunError, RunFolder};
 use anyhow::Context as _;
 use demo_scene::{DemoConfig, DemoError, DemoScene, generate};
+use scene_import::MaskSource;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Given for `--masks`, it means that there are to be none.
 const NO_MASKS: &str = "none";
+/// Given for `--masks`, it means the photos' alpha channels.
+const ALPHA: &str = "alpha";
 
 /// What a run is to do, before any of it is opened.
 #[derive(Debug)]
 pub(super) struct Plan {
     pub(super) config: TrainConfig,
     pub(super) source: Source,
-    pub(super) masks: Masks,
+    pub(super) masks: MaskSource,
+    pub(super) label: Option<u32>,
     pub(super) polarity: Option<MaskPolarity>,
+    /// What the scene was made from, if the run to go on with made it.
+    pub(super) imported_from: Option<PathBuf>,
     pub(super) out: PathBuf,
 }
 
@@ -32,15 +38,14 @@ pub(super) enum Source {
     Folder(PathBuf),
 }
 
-/// Where the masks come from.
-#[derive(Debug, PartialEq, Eq)]
-pub(super) enum Masks {
-    /// Not stated: look beside the photos.
-    Look,
-    /// Stated that there are none.
-    None,
-    /// A folder.
-    Folder(PathBuf),
+/// What `--masks` says.
+pub(super) fn mask_source(stated: Option<&Path>) -> MaskSource {
+    match stated {
+        None => MaskSource::Look,
+        Some(word) if word.as_os_str() == NO_MASKS => MaskSource::None,
+        Some(word) if word.as_os_str() == ALPHA => MaskSource::Alpha,
+        Some(path) => MaskSource::Path(path.to_path_buf()),
+    }
 }
 
 impl Plan {
@@ -81,59 +86,75 @@ impl Plan {
         // Masks belong to a scene: those of the record only go with its own.
         let same_scene = args.scene.is_none() || args.resume;
         let recorded = input.filter(|_| same_scene);
+        // What a run imported is in its own folder, wherever that is now.
+        let imported_from = recorded
+            .as_ref()
+            .filter(|_| args.resume)
+            .and_then(|input| input.imported_from.clone());
         let source = match (&args.scene, &recorded) {
+            _ if imported_from.is_some() => Source::Folder(RunFolder::scene_in(&out)),
             (Some(scene), _) => Source::Folder(scene.clone()),
             (None, Some(input)) if !input.demo => Source::Folder(input.scene.clone()),
             (None, _) => Source::Demo,
         };
         let masks = match (&args.masks, &recorded) {
-            (Some(dir), _) if dir.as_os_str() == NO_MASKS => Masks::None,
-            (Some(dir), _) => Masks::Folder(dir.clone()),
-            // The demo's masks lie in the run's own folder, which may be another one now.
+            // Imported masks are in the run's own folder, whatever they were made of.
+            _ if imported_from.is_some() => MaskSource::Look,
+            (Some(path), _) => mask_source(Some(path)),
             (None, Some(input)) if !input.demo => match &input.masks {
-                Some(dir) => Masks::Folder(dir.clone()),
-                None => Masks::None,
+                Some(dir) => MaskSource::Path(dir.clone()),
+                None => MaskSource::None,
             },
-            (None, _) => Masks::Look,
+            (None, _) => MaskSource::Look,
         };
         let polarity = args.polarity.or(recorded.and_then(|input| input.polarity));
         Ok(Self {
             config,
             source,
             masks,
+            label: args.label.filter(|_| imported_from.is_none()),
             polarity,
+            imported_from,
             out,
         })
     }
 }
 
-impl Masks {
-    /// The folder to take masks from, and what to tell the user about the choice.
-    pub(super) fn choose(&self, scene: &Path, demo: bool) -> (Option<PathBuf>, Option<String>) {
-        match self {
-            Masks::None => (None, None),
-            Masks::Folder(dir) => (Some(dir.clone()), None),
-            Masks::Look if demo => (Some(scene.join("coarse_masks")), None),
-            Masks::Look => {
-                let (masks, coarse) = (scene.join("masks"), scene.join("coarse_masks"));
-                if masks.is_dir() {
-                    let note = format!(
-                        "masks are taken from {} (--masks none to do without)",
-                        masks.display()
-                    );
-                    (Some(masks), Some(note))
-                } else if coarse.is_dir() {
-                    let note = format!(
-                        "no masks are used; to use those in {0}, add --masks {0}",
-                        coarse.display()
-                    );
-                    (None, Some(note))
-                } else {
-                    (None, None)
-                }
+/// The folder to take masks from for a COLMAP scene, and what to tell the user about the choice.
+pub(super) fn mask_folder(
+    source: &MaskSource,
+    scene: &Path,
+    demo: bool,
+) -> (Option<PathBuf>, Option<String>) {
+    match source {
+        // Alpha channels and files are imported, after which there is a folder.
+        MaskSource::None | MaskSource::Alpha => (None, None),
+        MaskSource::Path(dir) => (Some(dir.clone()), None),
+        MaskSource::Look if demo => (Some(scene.join("coarse_masks")), None),
+        MaskSource::Look => {
+            let masks = scene.join("masks");
+            if masks.is_dir() {
+                let note = format!(
+                    "masks are taken from {} (--masks none to do without)",
+                    masks.display()
+                );
+                (Some(masks), Some(note))
+            } else {
+                (None, coarse_masks_hint(scene))
             }
         }
     }
+}
+
+/// Masks of that name are offered, not taken.
+pub(super) fn coarse_masks_hint(scene: &Path) -> Option<String> {
+    let coarse = scene.join("coarse_masks");
+    coarse.is_dir().then(|| {
+        format!(
+            "no masks are used; to use those in {0}, add --masks {0}",
+            coarse.display()
+        )
+    })
 }
 
 /// Where a run goes unless stated: `runs/demo` or `runs/NAME_OF_SCENE`.
@@ -145,7 +166,11 @@ fn run_path(args: &TrainArgs) -> anyhow::Result<PathBuf> {
         return Ok(Path::new("runs").join("demo"));
     };
     // Resolved, so that "." and ".." have a name.
-    let full = fs::canonicalize(scene).map_err(|_| no_scene(scene))?;
+    let mut full = fs::canonicalize(scene).map_err(|_| no_scene(scene))?;
+    if full.is_file() {
+        // The file with the poses stands for its folder.
+        full.pop();
+    }
     Ok(Path::new("runs").join(full.file_name().unwrap_or("scene".as_ref())))
 }
 
@@ -153,7 +178,7 @@ fn no_scene(scene: &Path) -> InputError {
     InputError::new(
         scene,
         "there is no such folder",
-        "give the folder that holds images/ and sparse/",
+        "give the folder that holds images/ and the camera poses",
     )
 }
 
@@ -173,6 +198,7 @@ pub(super) fn record_input(
     polarity: Option<MaskPolarity>,
     out: &Path,
     demo: bool,
+    imported_from: Option<&Path>,
 ) -> InputRecord {
     let full = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
     InputRecord {
@@ -181,15 +207,16 @@ pub(super) fn record_input(
         polarity,
         out: full(out),
         demo,
+        imported_from: imported_from.map(full),
     }
 }
 
-/// Whether the run at `out` is one of the demo.
-pub(super) fn is_demo_run(out: &Path) -> bool {
+/// Whether the run at `out` made the scene in its folder.
+pub(super) fn owns_scene(out: &Path) -> bool {
     read_record(&out.join("config.toml"))
         .ok()
         .and_then(|record| record.input)
-        .is_some_and(|input| input.demo)
+        .is_some_and(|input| input.owns_scene())
 }
 
 /// Generates the demo scene into `out`; says so before it takes its time if that cannot be.

@@ -1,8 +1,9 @@
 //! `sos train`.
 
-use super::input::{Plan, Source, generate_demo, is_demo_run, record_input};
+use super::import::{Imported, import_for_run, is_ready};
+use super::input::{Plan, Source, generate_demo, mask_folder, owns_scene, record_input};
 use super::{TrainArgs, answer, evaluate, program};
-use crate::config::RunRecord;
+use crate::config::{MaskPolarity, RunRecord};
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK};
 use crate::export::check_names;
 use crate::job::{TrainJob, TrainOutcome};
@@ -18,15 +19,27 @@ use std::sync::atomic::AtomicBool;
 pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
     let plan = Plan::new(args)?;
     let screen = Progress::new(args.quiet, 0);
-    let ready = match &plan.source {
-        Source::Folder(scene) => open(args, &plan, scene, None, &screen)?,
-        Source::Demo => {
-            let run = prepare_demo(args, &plan, &screen)?;
-            let scene = run.demo_scene_dir();
-            open(args, &plan, &scene, Some(run), &screen)?
+    let demo = plan.source == Source::Demo;
+    let site = match &plan.source {
+        Source::Demo => Site::made_in(prepare_demo(args, &plan, &screen)?),
+        Source::Folder(scene) if is_ready(scene, &plan)? => Site::there(scene),
+        Source::Folder(scene) => {
+            let (run, imported) = import_for_run(args, &plan, scene, &screen)?;
+            Site {
+                imported: Some(imported),
+                ..Site::made_in(run)
+            }
         }
     };
-    let demo = plan.source == Source::Demo;
+    // A scene that was made for this run goes with it; one to go on with stays.
+    let made = site.run.clone();
+    let owns_scene = made.is_some() && !args.resume;
+    let ready = open(args, &plan, site, &screen).inspect_err(|_| {
+        if let Some(run) = made.filter(|_| owns_scene && !demo) {
+            // The error that is on its way says more than one from tidying up.
+            let _ = run.abandon(true);
+        }
+    })?;
     let run = ready.run.clone();
     match start(args, plan, ready, &screen) {
         Ok(TrainOutcome::Finished) => finish(&run, demo, &screen).map(|()| EXIT_OK),
@@ -42,9 +55,36 @@ pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
         Err(error) => {
             // Input that cannot be used leaves nothing behind; a run that got somewhere does.
             if !args.resume && !run.has_checkpoint() {
-                run.abandon(demo)?;
+                run.abandon(owns_scene)?;
             }
             Err(error)
+        }
+    }
+}
+
+/// Where the scene is.
+struct Site {
+    scene_dir: PathBuf,
+    /// The run in whose folder it was made.
+    run: Option<RunFolder>,
+    /// What it was made from, if not by the demo.
+    imported: Option<Imported>,
+}
+
+impl Site {
+    fn there(scene: &Path) -> Self {
+        Self {
+            scene_dir: scene.to_path_buf(),
+            run: None,
+            imported: None,
+        }
+    }
+
+    fn made_in(run: RunFolder) -> Self {
+        Self {
+            scene_dir: run.scene_dir(),
+            run: Some(run),
+            imported: None,
         }
     }
 }
@@ -53,26 +93,34 @@ pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
 struct Ready {
     scene_dir: PathBuf,
     masks_dir: Option<PathBuf>,
+    polarity: Option<MaskPolarity>,
     scene: Scene,
     masks: Option<MaskSet>,
     run: RunFolder,
 }
 
 /// Opens scene, masks and run folder, in this order: no folder is made for a bad scene.
-fn open(
-    args: &TrainArgs,
-    plan: &Plan,
-    scene_dir: &Path,
-    run: Option<RunFolder>,
-    screen: &Progress,
-) -> anyhow::Result<Ready> {
-    let demo = run.is_some();
-    let scene = Scene::open(scene_dir)?;
+fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow::Result<Ready> {
+    let Site {
+        scene_dir,
+        run,
+        imported,
+    } = site;
+    let demo = plan.source == Source::Demo;
+    let scene = Scene::open(&scene_dir)?;
     check_names(scene.model.views.iter().map(|view| view.name.as_str()))?;
-    let (masks_dir, hint) = plan.masks.choose(scene_dir, demo);
+    let (masks_dir, hint) = match &imported {
+        Some(imported) => (imported.masks_dir.clone(), None),
+        None => mask_folder(&plan.masks, &scene_dir, demo),
+    };
+    // Imported masks are white on black, whatever they were before.
+    let polarity = match &imported {
+        Some(_) => Some(MaskPolarity::White),
+        None => plan.polarity,
+    };
     let masks = masks_dir
         .as_deref()
-        .map(|dir| MaskSet::find(dir, &scene, plan.polarity.map(Into::into)))
+        .map(|dir| MaskSet::find(dir, &scene, polarity.map(Into::into)))
         .transpose()?;
     // Notes on scene and masks are left to training, which has more of them.
     if let Some(hint) = hint {
@@ -82,12 +130,16 @@ fn open(
         Some(run) => run,
         None => folder(args, &plan.out)?,
     };
+    let imported_from = imported
+        .map(|imported| imported.from)
+        .or_else(|| plan.imported_from.clone());
     let input = record_input(
-        scene_dir,
+        &scene_dir,
         masks_dir.as_deref(),
-        plan.polarity,
+        polarity,
         &plan.out,
         demo,
+        imported_from.as_deref(),
     );
     let config = RunRecord::new(plan.config.clone(), input).to_toml()?;
     if args.resume || demo {
@@ -96,15 +148,16 @@ fn open(
         run.set_config(config);
     }
     Ok(Ready {
-        scene_dir: scene_dir.to_path_buf(),
+        scene_dir,
         masks_dir,
+        polarity,
         scene,
         masks,
         run,
     })
 }
 
-fn folder(args: &TrainArgs, path: &Path) -> Result<RunFolder, RunError> {
+pub(super) fn folder(args: &TrainArgs, path: &Path) -> Result<RunFolder, RunError> {
     if args.resume {
         RunFolder::open_existing(path)
     } else {
@@ -121,11 +174,11 @@ fn folder(args: &TrainArgs, path: &Path) -> Result<RunFolder, RunError> {
 
 /// The run's folder with the demo scene in it.
 fn prepare_demo(args: &TrainArgs, plan: &Plan, screen: &Progress) -> anyhow::Result<RunFolder> {
-    let was_demo = is_demo_run(&plan.out);
+    let was_ours = owns_scene(&plan.out);
     let run = folder(args, &plan.out)?;
     run.begin()?;
-    let dir = run.demo_scene_dir();
-    if was_demo && args.force && dir.is_dir() {
+    let dir = run.scene_dir();
+    if was_ours && args.force && dir.is_dir() {
         std::fs::remove_dir_all(&dir).map_err(|source| RunError::Io {
             action: "remove",
             path: dir.clone(),
@@ -155,7 +208,7 @@ fn start(
         config: plan.config,
         scene_dir: ready.scene_dir,
         masks_dir: ready.masks_dir,
-        polarity: plan.polarity.map(Into::into),
+        polarity: ready.polarity.map(Into::into),
         scene: ready.scene,
         masks: ready.masks,
         run: ready.run,
@@ -168,7 +221,7 @@ fn start(
 /// Scores a run of the demo, writes the report, says where everything is.
 fn finish(run: &RunFolder, demo: bool, screen: &Progress) -> anyhow::Result<()> {
     if demo {
-        let scene = run.demo_scene_dir();
+        let scene = run.scene_dir();
         let report = sos_eval::run_eval(run.root(), &scene, Some(&scene.join("coarse_masks")))?;
         evaluate::write_metrics(run, &report)?;
         screen.note(&report.to_string());
@@ -182,7 +235,7 @@ fn finish(run: &RunFolder, demo: bool, screen: &Progress) -> anyhow::Result<()> 
 }
 
 /// A path that can be pasted into a shell.
-fn quoted(path: &Path) -> String {
+pub(super) fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
     if text
         .chars()

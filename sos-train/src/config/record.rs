@@ -50,6 +50,18 @@ pub struct InputRecord {
     /// Whether the scene is the built-in demo, which the run generated itself.
     #[serde(default)]
     pub demo: bool,
+    /// The folder or file that the run turned into its scene, absolute; none where it was used as
+    /// it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub imported_from: Option<PathBuf>,
+}
+
+impl InputRecord {
+    /// Whether the scene lies in the run's own folder.
+    #[must_use]
+    pub fn owns_scene(&self) -> bool {
+        self.demo || self.imported_from.is_some()
+    }
 }
 
 /// What made a run.

@@ -8,14 +8,6 @@ pub enum PrepareError {
     /// Cameras, photos and masks do not fit together.
     #[error("{0}")]
     Scene(String),
-    /// A photo or mask that cannot be read.
-    #[error("{}: cannot be read as a picture ({reason}); replace or remove it", path.display())]
-    Photo {
-        /// The file.
-        path: PathBuf,
-        /// What the decoder said.
-        reason: String,
-    },
     /// A device that this build does not have.
     #[error("--device {0}: this build has auto, cpu, flex and ndarray; choose one of them")]
     Device(String),

@@ -72,10 +72,22 @@ pub fn box_from_masks(views: &[TrainView], config: &PrepareConfig) -> Result<Fra
 /// The box when there is no mask: where the optical axes meet, as wide as the views have in common.
 ///
 /// # Errors
-/// When the cameras' axes are parallel.
+/// When the cameras' axes are parallel, or do not meet in front of them: a capture that faces one way
+/// does not tell by itself what the object is.
 pub fn box_from_cameras(views: &[TrainView]) -> Result<Frame, PrepareError> {
     let outlines: Vec<Outline> = views.iter().filter_map(Outline::of_axis).collect();
     let centre = closest_to_rays(&outlines)?;
+    let in_front = |o: &&Outline| (centre - o.origin).dot(o.forward) > 0.0;
+    let ahead = outlines.iter().filter(in_front).count();
+    if 4 * ahead < 3 * outlines.len() {
+        return Err(PrepareError::Scene(format!(
+            "without masks the object is where the cameras look, but the axes of {} of {} cameras \
+             do not meet in front of them; say where it is with rough masks (--masks), of a few \
+             photos at least",
+            outlines.len() - ahead,
+            outlines.len()
+        )));
+    }
     let mut distances: Vec<f64> = outlines
         .iter()
         .map(|o| (centre - o.origin).length() * o.angular_radius)
@@ -211,4 +223,59 @@ fn extent(votes: &[f32], threshold: f32) -> Option<(DVec3, DVec3)> {
         DVec3::from(best.1.map(at)),
         DVec3::from(best.2.map(|i| at(i + 1))),
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::view::Lens;
+    use super::*;
+    use glam::{DQuat, DVec3};
+    use io_colmap::{Camera, CameraModel, Pose};
+
+    /// A camera of 64x48 pixels without a mask.
+    fn view(centre: DVec3, forward: DVec3) -> TrainView {
+        let world_from_camera = Pose {
+            rotation: DQuat::from_rotation_arc(DVec3::Z, forward.normalize()),
+            translation: centre,
+        };
+        TrainView {
+            name: "a.png".into(),
+            lens: Lens(Camera {
+                id: 1,
+                model: CameraModel::Pinhole,
+                width: 64,
+                height: 48,
+                params: vec![60.0, 60.0, 32.0, 24.0],
+            }),
+            camera_from_world: world_from_camera.inverse(),
+            photo: image::RgbImage::new(64, 48),
+            mask: None,
+        }
+    }
+
+    #[test]
+    fn cameras_around_a_place_find_it_and_cameras_that_spread_say_so() {
+        let place = DVec3::new(1.0, 2.0, 3.0);
+        let around: Vec<TrainView> = (0..8)
+            .map(|i| {
+                let angle = f64::from(i) * 0.7;
+                let from = DVec3::new(angle.cos(), angle.sin(), 0.4) * 5.0;
+                view(place + from, -from)
+            })
+            .collect();
+        let frame = box_from_cameras(&around).unwrap();
+        assert!(frame.centre.distance(place) < 1e-6, "{frame:?}");
+        assert!((0.5..3.0).contains(&frame.half_side), "{frame:?}");
+
+        // Side by side, each turned a little outward: the axes meet behind.
+        let spread: Vec<TrainView> = (-4..=4)
+            .map(|i| {
+                let x = f64::from(i);
+                view(DVec3::new(x, 0.1 * x, 0.0), DVec3::new(0.05 * x, 0.0, 1.0))
+            })
+            .collect();
+        let error = box_from_cameras(&spread).unwrap_err().to_string();
+        assert!(error.contains("--masks"), "{error}");
+    }
 }

@@ -1,7 +1,5 @@
 //! A posed photo and its rough mask, as training and rendering use them.
 
-use std::path::Path;
-
 use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3, Vec3A};
 use image::{GrayImage, RgbImage};
 use io_colmap::{Camera, MaskSet, Pose, Scene};
@@ -102,8 +100,7 @@ pub fn load_views(scene: &Scene, masks: Option<&MaskSet>) -> Result<Vec<TrainVie
         .par_iter()
         .enumerate()
         .map(|(i, view)| {
-            let path = scene.image_path(view);
-            let photo = read_photo(&path)?;
+            let photo = scene.read_photo(view)?.into_rgb8();
             let mask = match masks {
                 Some(masks) => masks.load(i, photo.width(), photo.height())?,
                 None => None,
@@ -123,14 +120,4 @@ pub fn load_views(scene: &Scene, masks: Option<&MaskSet>) -> Result<Vec<TrainVie
             })
         })
         .collect()
-}
-
-fn read_photo(path: &Path) -> Result<RgbImage, PrepareError> {
-    match image::open(path) {
-        Ok(image) => Ok(image.into_rgb8()),
-        Err(error) => Err(PrepareError::Photo {
-            path: path.to_path_buf(),
-            reason: error.to_string(),
-        }),
-    }
 }

@@ -51,15 +51,15 @@ impl ReportInputs {
                     .to_owned(),
             )
         })?;
-        // A run of the demo takes its scene along when it is moved.
-        let inside = run.demo_scene_dir();
-        let scene_dir = if input.demo && inside.is_dir() {
+        // A run that made its scene takes it along when it is moved.
+        let inside = run.scene_dir();
+        let scene_dir = if input.owns_scene() && inside.is_dir() {
             inside
         } else {
             input.scene.clone()
         };
         let masks_dir = match &input.masks {
-            Some(masks) if input.demo => match masks.strip_prefix(&input.scene) {
+            Some(masks) if input.owns_scene() => match masks.strip_prefix(&input.scene) {
                 Ok(below) => Some(scene_dir.join(below)),
                 Err(_) => Some(masks.clone()),
             },
@@ -75,7 +75,8 @@ impl ReportInputs {
             title: if input.demo {
                 "Demo scene".to_owned()
             } else {
-                input.scene.file_name().map_or_else(
+                let named = input.imported_from.as_ref().unwrap_or(&input.scene);
+                named.file_name().map_or_else(
                     || "scene".to_owned(),
                     |name| name.to_string_lossy().into_owned(),
                 )

@@ -64,7 +64,7 @@ fn row(
     width: u32,
 ) -> Result<Row, ReportError> {
     let view = &inputs.scene.model.views[index];
-    let photo = thumbnail::open(&inputs.scene.image_path(view))?;
+    let photo = inputs.scene.read_photo(view)?;
     let (w, h) = (photo.width(), photo.height());
     let own = |dir: PathBuf, small: fn(&DynamicImage, u32) -> Thumbnail| {
         own_picture(run, &dir, &view.name, |picture| small(picture, width))

@@ -56,7 +56,7 @@ fn help_fits_a_screen() {
         3,
         "three examples in\n{help}"
     );
-    for command in ["train", "eval", "report", "demo-scene"] {
+    for command in ["train", "import", "eval", "report", "demo-scene"] {
         assert!(help.contains(command), "{help}");
     }
     let help = text(&sos(dir.path(), &["train", "--help"]).stdout);
@@ -196,7 +196,7 @@ fn folders_that_cannot_take_a_run_are_refused() {
 fn evaluation_prints_a_table_or_json_and_keeps_the_scores() {
     let dir = tempfile::tempdir().unwrap();
     let (_, run) = crate::fabricated::run(dir.path(), true);
-    let gt = run.demo_scene_dir();
+    let gt = run.scene_dir();
     let (run_path, gt_path) = (run.root().to_str().unwrap(), gt.to_str().unwrap());
     let output = sos(dir.path(), &["report", run_path]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));

@@ -13,6 +13,7 @@ fn input() -> InputRecord {
         polarity: Some(MaskPolarity::Black),
         out: "/runs/cat".into(),
         demo: false,
+        imported_from: None,
     }
 }
 

@@ -267,7 +267,7 @@ fn a_resumed_log_forgets_what_will_be_done_again() {
 fn a_run_of_the_truth_scores_as_the_truth() {
     let dir = tempfile::tempdir().unwrap();
     let (_, run) = fabricated::run(dir.path(), true);
-    let scene = run.demo_scene_dir();
+    let scene = run.scene_dir();
     let report = sos_eval::run_eval(run.root(), &scene, Some(&scene.join("coarse_masks"))).unwrap();
     assert!(report.mean.iou > 0.9999, "{report}");
     assert!(report.start.unwrap().iou < 0.9);

@@ -22,7 +22,7 @@ pub(crate) fn run(dir: &Path, demo: bool) -> (&'static DemoScene, RunFolder) {
     let run = RunFolder::create(&dir.join("run"), Existing::Keep).unwrap();
     let scene: &DemoScene = &SCENE;
     let scene_dir = if demo {
-        run.demo_scene_dir()
+        run.scene_dir()
     } else {
         dir.join("cat & <dog>")
     };
@@ -33,6 +33,7 @@ pub(crate) fn run(dir: &Path, demo: bool) -> (&'static DemoScene, RunFolder) {
         polarity: None,
         out: run.root().to_path_buf(),
         demo,
+        imported_from: None,
     };
     run.set_config(
         RunRecord::new(TrainConfig::default(), input)

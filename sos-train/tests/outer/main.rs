@@ -6,6 +6,7 @@ mod command_line;
 mod config;
 mod exports;
 mod fabricated;
+mod import;
 mod interrupt;
 mod report;
 mod run_folder;

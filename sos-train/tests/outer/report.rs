@@ -49,7 +49,7 @@ fn every_view_is_there_and_nothing_comes_from_outside() {
 fn a_scored_demo_shows_scores_and_the_true_mattes() {
     let dir = tempfile::tempdir().unwrap();
     let (scene, run) = fabricated::run(dir.path(), true);
-    let scene_dir = run.demo_scene_dir();
+    let scene_dir = run.scene_dir();
     let scores = sos_eval::run_eval(
         run.root(),
         &scene_dir,

@@ -1,0 +1,265 @@
+//! COCO's JSON: outlines as polygons or run lengths, for pictures named in the same file.
+
+use crate::error::{ImportError, load};
+use crate::gather::same_shape;
+use crate::{polygon, run_lengths};
+use image::{GrayImage, Luma};
+use serde::Deserialize;
+use serde_json::Value;
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+#[derive(Debug, Deserialize)]
+struct File {
+    images: Vec<Picture>,
+    annotations: Vec<Annotation>,
+    #[serde(default)]
+    categories: Vec<Category>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Picture {
+    /// A number or a text.
+    id: Value,
+    file_name: String,
+    width: Option<u32>,
+    height: Option<u32>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Annotation {
+    image_id: Value,
+    #[serde(default)]
+    category_id: u32,
+    segmentation: Option<Segmentation>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Category {
+    id: u32,
+    name: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Segmentation {
+    Polygons(Vec<Vec<f64>>),
+    Runs { size: [u32; 2], counts: Counts },
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Counts {
+    Packed(String),
+    Plain(Vec<u32>),
+}
+
+/// A photo that may get a mask.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Wanted<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) size: (u32, u32),
+}
+
+/// The masks of a file, and what a user should know about them.
+#[derive(Debug)]
+pub(crate) struct Drawn {
+    /// Parallel to the photos asked for; white is the object.
+    pub(crate) masks: Vec<Option<GrayImage>>,
+    pub(crate) notes: Vec<String>,
+}
+
+/// Draws all annotations of each photo, or those of one category.
+pub(crate) fn draw(
+    path: &Path,
+    label: Option<u32>,
+    photos: &[Wanted<'_>],
+) -> Result<Drawn, ImportError> {
+    let file: File =
+        serde_json::from_slice(&load(path)?).map_err(|e| ImportError::json(path, &e))?;
+    let mut notes = Vec::new();
+    let (chosen, sentence) = choose(&file, label, path)?;
+    notes.extend(sentence);
+
+    let mut outlines: HashMap<String, Vec<&Segmentation>> = HashMap::new();
+    let mut boxes_only = 0;
+    for annotation in file.annotations.iter().filter(|a| chosen(a.category_id)) {
+        match &annotation.segmentation {
+            Some(Segmentation::Polygons(parts)) if parts.is_empty() => boxes_only += 1,
+            Some(segmentation) => outlines
+                .entry(annotation.image_id.to_string())
+                .or_default()
+                .push(segmentation),
+            None => boxes_only += 1,
+        }
+    }
+    if boxes_only > 0 {
+        notes.push(format!(
+            "{boxes_only} annotations are boxes without an outline and are left out"
+        ));
+    }
+    let pictures = by_name(&file.images);
+    let mut masks = Vec::with_capacity(photos.len());
+    for photo in photos {
+        let picture = find(&pictures, photo.name);
+        let parts = picture.and_then(|picture| outlines.get(&picture.id.to_string()));
+        masks.push(match (picture, parts) {
+            (Some(picture), Some(parts)) => {
+                Some(draw_one(picture, parts, photo.size).map_err(|what| {
+                    ImportError::bad(
+                        path,
+                        format!("{}: {what}", picture.file_name),
+                        "correct the annotation or export it again",
+                    )
+                })?)
+            }
+            _ => None,
+        });
+    }
+    if masks.iter().all(Option::is_none) {
+        return Err(ImportError::bad(
+            path,
+            match file.images.first() {
+                Some(first) => format!(
+                    "none of its {} pictures (such as {:?}) has an outline and is one of the {} photos (such as {:?})",
+                    file.images.len(),
+                    first.file_name,
+                    photos.len(),
+                    photos.first().map_or("", |photo| photo.name)
+                ),
+                None => "it lists no pictures".to_owned(),
+            },
+            "annotate the photos of this scene",
+        ));
+    }
+    Ok(Drawn { masks, notes })
+}
+
+type Chosen = Box<dyn Fn(u32) -> bool>;
+
+/// Which categories are the object, and what to say about it.
+fn choose(
+    file: &File,
+    label: Option<u32>,
+    path: &Path,
+) -> Result<(Chosen, Option<String>), ImportError> {
+    let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
+    for annotation in &file.annotations {
+        *counts.entry(annotation.category_id).or_default() += 1;
+    }
+    let names: HashMap<u32, &str> = file
+        .categories
+        .iter()
+        .filter_map(|c| Some((c.id, c.name.as_deref()?)))
+        .collect();
+    let list: Vec<String> = counts
+        .iter()
+        .take(12)
+        .map(|(id, n)| match names.get(id) {
+            Some(name) => format!("{id} {name} ({n})"),
+            None => format!("{id} ({n})"),
+        })
+        .collect();
+    let list = list.join(", ");
+    match label {
+        Some(label) if counts.contains_key(&label) => {
+            Ok((Box::new(move |category| category == label), None))
+        }
+        Some(label) => Err(ImportError::bad(
+            path,
+            format!("no annotation has the category {label}; there are {list}"),
+            "choose one of them with --label",
+        )),
+        None => Ok((
+            Box::new(|_| true),
+            (counts.len() > 1).then(|| {
+                format!("all categories are taken as the object ({list}); choose one with --label")
+            }),
+        )),
+    }
+}
+
+/// Pictures by full name, by name without folders, and by stem; `None` where two share it.
+fn by_name(pictures: &[Picture]) -> HashMap<String, Option<&Picture>> {
+    let mut map: HashMap<String, Option<&Picture>> = HashMap::new();
+    for picture in pictures {
+        for key in keys(&picture.file_name) {
+            map.entry(key)
+                .and_modify(|known| {
+                    if !known.is_some_and(|known| std::ptr::eq(known, picture)) {
+                        *known = None;
+                    }
+                })
+                .or_insert(Some(picture));
+        }
+    }
+    map
+}
+
+fn find<'a>(pictures: &HashMap<String, Option<&'a Picture>>, name: &str) -> Option<&'a Picture> {
+    keys(name)
+        .iter()
+        .find_map(|key| pictures.get(key).copied().flatten())
+}
+
+fn keys(name: &str) -> [String; 3] {
+    let full = name.replace('\\', "/");
+    let base = full.rsplit('/').next().unwrap_or_default().to_owned();
+    let stem = base
+        .rsplit_once('.')
+        .map_or(&*base, |(stem, _)| stem)
+        .to_owned();
+    [full, base, stem]
+}
+
+fn draw_one(
+    picture: &Picture,
+    parts: &[&Segmentation],
+    photo: (u32, u32),
+) -> Result<GrayImage, String> {
+    // Pixels are counted in the size that was annotated.
+    let runs = parts.iter().find_map(|part| match part {
+        Segmentation::Runs { size: [h, w], .. } => Some((*w, *h)),
+        Segmentation::Polygons(_) => None,
+    });
+    let stated = picture.width.zip(picture.height);
+    let (width, height) = stated.or(runs).unwrap_or(photo);
+    if !same_shape((width, height), photo) || width.max(height) > 1 << 16 {
+        return Err(format!(
+            "it was annotated at {width}x{height}, but the photo is {}x{}, another shape",
+            photo.0, photo.1
+        ));
+    }
+    let (w, h) = (width as usize, height as usize);
+    let mut mask = vec![false; w * h];
+    for part in parts {
+        match part {
+            Segmentation::Polygons(polygons) => {
+                for points in polygons {
+                    polygon::fill(&mut mask, w, h, points);
+                }
+            }
+            Segmentation::Runs { size, counts } => {
+                if *size != [height, width] {
+                    return Err(format!(
+                        "an outline is for {}x{} pixels, not {width}x{height}",
+                        size[1], size[0]
+                    ));
+                }
+                match counts {
+                    Counts::Plain(lengths) => run_lengths::fill(&mut mask, w, h, lengths)?,
+                    Counts::Packed(text) => {
+                        run_lengths::fill(&mut mask, w, h, &run_lengths::unpack(text)?)?;
+                    }
+                }
+            }
+        }
+    }
+    Ok(GrayImage::from_fn(width, height, |x, y| {
+        Luma([if mask[y as usize * w + x as usize] {
+            255
+        } else {
+            0
+        }])
+    }))
+}

@@ -1,0 +1,293 @@
+//! The smallest of COLMAP's camera models that says what another tool's parameters say.
+
+use glam::DVec2;
+use io_colmap::{Camera, CameraModel};
+
+/// Error in pixels up to which a lens term that COLMAP lacks may be left out or replaced.
+const NEGLIGIBLE: f64 = 0.05;
+
+/// Focal lengths and principal point in pixels, for a picture of that size. The top left pixel's
+/// centre is at `(0.5, 0.5)`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Frame {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) focal: DVec2,
+    pub(crate) centre: DVec2,
+}
+
+impl Frame {
+    /// With the principal point in the middle.
+    pub(crate) fn centred(width: u32, height: u32, focal: f64) -> Self {
+        Self {
+            width,
+            height,
+            focal: DVec2::splat(focal),
+            centre: DVec2::new(f64::from(width), f64::from(height)) * 0.5,
+        }
+    }
+
+    fn camera(&self, model: CameraModel, extra: &[f64]) -> Result<Camera, String> {
+        let Self {
+            width,
+            height,
+            focal,
+            centre,
+        } = *self;
+        if width == 0 || height == 0 {
+            return Err(format!("its pictures are {width}x{height}"));
+        }
+        let mut params = vec![focal.x, focal.y, centre.x, centre.y];
+        params.extend_from_slice(extra);
+        if let Some(bad) = params.iter().find(|p| !p.is_finite()) {
+            return Err(format!("it has the parameter {bad}"));
+        }
+        if focal.min_element() <= 0.0 {
+            return Err(format!(
+                "its focal length is {} by {} pixels",
+                focal.x, focal.y
+            ));
+        }
+        Ok(Camera {
+            id: 0,
+            model,
+            width,
+            height,
+            params,
+        })
+    }
+
+    /// A perspective lens with Brown's distortion: radial factors of `r^2, r^4, r^6, r^8`, and
+    /// OpenCV's tangential `p1, p2`.
+    pub(crate) fn perspective(&self, k: [f64; 4], p: [f64; 2]) -> Result<Camera, String> {
+        let [k1, k2, k3, k4] = k;
+        let [p1, p2] = p;
+        if k.iter().chain(&p).all(|v| *v == 0.0) {
+            self.camera(CameraModel::Pinhole, &[])
+        } else if k3 == 0.0 && k4 == 0.0 {
+            self.camera(CameraModel::OpenCv, &[k1, k2, p1, p2])
+        } else if k4 == 0.0 {
+            self.camera(
+                CameraModel::FullOpenCv,
+                &[k1, k2, p1, p2, k3, 0.0, 0.0, 0.0],
+            )
+        } else {
+            // COLMAP has no r^8 but a quotient of polynomials.
+            let [a1, a2, a3, b1, b2, b3] = self.as_quotient(k)?;
+            self.camera(CameraModel::FullOpenCv, &[a1, a2, p1, p2, a3, b1, b2, b3])
+        }
+    }
+
+    /// An equidistant fisheye lens with a polynomial of the angle, and tangential terms.
+    pub(crate) fn fisheye(&self, k: [f64; 4], p: [f64; 2]) -> Result<Camera, String> {
+        let [k1, k2, k3, k4] = k;
+        let [p1, p2] = p;
+        if p == [0.0; 2] {
+            self.camera(CameraModel::OpenCvFisheye, &k)
+        } else {
+            self.camera(
+                CameraModel::ThinPrismFisheye,
+                &[k1, k2, p1, p2, k3, k4, 0.0, 0.0],
+            )
+        }
+    }
+
+    /// Project Aria's fisheye: `k0..k5, p0, p1, s0..s3`.
+    pub(crate) fn fisheye624(&self, params: &[f64; 12]) -> Result<Camera, String> {
+        self.camera(CameraModel::RadTanThinPrismFisheye, params)
+    }
+
+    /// A full panorama.
+    pub(crate) fn panorama(width: u32, height: u32) -> Camera {
+        Camera {
+            id: 0,
+            model: CameraModel::Equirectangular,
+            width,
+            height,
+            params: vec![f64::from(width), f64::from(height)],
+        }
+    }
+
+    /// How far skew moves a pixel at most: `skew` pixels along x per unit of y on the image plane.
+    pub(crate) fn skew_error(&self, skew: f64) -> f64 {
+        let (top, bottom) = (self.centre.y, f64::from(self.height) - self.centre.y);
+        (skew * top.abs().max(bottom.abs()) / self.focal.y).abs()
+    }
+
+    /// The radial polynomial as `(1 + a1 t + a2 t^2 + a3 t^3) / (1 + b1 t + b2 t^2 + b3 t^3)` with
+    /// `t = r^2`, fitted over the picture.
+    fn as_quotient(&self, k: [f64; 4]) -> Result<[f64; 6], String> {
+        if k.iter().any(|v| !v.is_finite()) {
+            return Err("its distortion is not finite".to_owned());
+        }
+        let factor = |t: f64| 1.0 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3])));
+        let reach = self.reach(&factor);
+        // With t in units of the largest, the columns of the system are alike.
+        let largest = reach * reach;
+        let mut normal = [[0.0; 7]; 6];
+        const SAMPLES: usize = 200;
+        for i in 1..=SAMPLES {
+            let s = (i as f64 / SAMPLES as f64).powi(2);
+            let f = factor(s * largest);
+            let row = [
+                s,
+                s * s,
+                s * s * s,
+                -f * s,
+                -f * s * s,
+                -f * s * s * s,
+                f - 1.0,
+            ];
+            for a in 0..6 {
+                for b in 0..7 {
+                    normal[a][b] += s * row[a] * row[b];
+                }
+            }
+        }
+        // Close to a polynomial the quotient is not unique; this picks a small one.
+        for (i, row) in normal.iter_mut().enumerate() {
+            row[i] += 1e-12 * SAMPLES as f64;
+        }
+        let scaled = solve(normal).ok_or("its distortion cannot be fitted")?;
+        let quotient = |s: f64| {
+            let cubic = |c: &[f64]| 1.0 + s * (c[0] + s * (c[1] + s * c[2]));
+            cubic(&scaled[..3]) / cubic(&scaled[3..])
+        };
+        let worst = (0..=SAMPLES)
+            .map(|i| {
+                let r = reach * i as f64 / SAMPLES as f64;
+                let s = (r / reach).powi(2);
+                (r * (quotient(s) - factor(r * r))).abs() * self.focal.max_element()
+            })
+            .fold(0.0_f64, |worst, e| {
+                if e.is_nan() {
+                    f64::INFINITY
+                } else {
+                    worst.max(e)
+                }
+            });
+        if worst > NEGLIGIBLE {
+            return Err(format!(
+                "its radial term k4 ({}) cannot be said with COLMAP's lenses: {worst:.2} pixels are missing",
+                k[3]
+            ));
+        }
+        let mut power = 1.0;
+        let mut params = scaled;
+        for i in 0..3 {
+            power *= largest;
+            params[i] /= power;
+            params[i + 3] /= power;
+        }
+        Ok(params)
+    }
+
+    /// The undistorted radius, in units of the image plane, of the picture's farthest corner.
+    fn reach(&self, factor: &impl Fn(f64) -> f64) -> f64 {
+        let size = DVec2::new(f64::from(self.width), f64::from(self.height));
+        let farthest = self.centre.abs().max((size - self.centre).abs()) / self.focal;
+        let corner = farthest.length();
+        // Walks outward until the distorted radius reaches the corner, or the polynomial turns back.
+        let (mut reach, mut before) = (0.0, 0.0);
+        for i in 1..=300 {
+            let r = corner * f64::from(i) / 100.0;
+            let distorted = r * factor(r * r);
+            if distorted <= before {
+                break;
+            }
+            (reach, before) = (r, distorted);
+            if distorted >= corner {
+                break;
+            }
+        }
+        if reach > 0.0 { reach } else { corner }
+    }
+}
+
+/// Gauss' elimination with pivoting; the last column is the right-hand side.
+fn solve(mut rows: [[f64; 7]; 6]) -> Option<[f64; 6]> {
+    for column in 0..6 {
+        let pivot =
+            (column..6).max_by(|&a, &b| rows[a][column].abs().total_cmp(&rows[b][column].abs()))?;
+        rows.swap(column, pivot);
+        if rows[column][column] == 0.0 || !rows[column][column].is_finite() {
+            return None;
+        }
+        let (above, below) = rows.split_at_mut(column + 1);
+        let pivot = &above[column];
+        for row in below {
+            let times = row[column] / pivot[column];
+            for (value, by) in row.iter_mut().zip(pivot) {
+                *value -= times * by;
+            }
+        }
+    }
+    let mut solution = [0.0; 6];
+    for row in (0..6).rev() {
+        let known: f64 = (row + 1..6).map(|k| rows[row][k] * solution[k]).sum();
+        solution[row] = (rows[row][6] - known) / rows[row][row];
+    }
+    solution.iter().all(|v| v.is_finite()).then_some(solution)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn the_smallest_model_is_chosen() {
+        let frame = Frame::centred(640, 480, 500.0);
+        let perspective = |k, p| frame.perspective(k, p).unwrap().model;
+        assert_eq!(perspective([0.0; 4], [0.0; 2]), CameraModel::Pinhole);
+        assert_eq!(
+            perspective([0.1, 0.0, 0.0, 0.0], [0.0; 2]),
+            CameraModel::OpenCv
+        );
+        assert_eq!(
+            perspective([0.1, 0.0, 0.1, 0.0], [0.0; 2]),
+            CameraModel::FullOpenCv
+        );
+        let fisheye = |p| frame.fisheye([0.1, 0.0, 0.0, 0.0], p).unwrap().model;
+        assert_eq!(fisheye([0.0; 2]), CameraModel::OpenCvFisheye);
+        assert_eq!(fisheye([0.0, 1e-3]), CameraModel::ThinPrismFisheye);
+        assert!(
+            Frame::centred(640, 480, -5.0)
+                .perspective([0.0; 4], [0.0; 2])
+                .is_err()
+        );
+        assert!(
+            Frame::centred(640, 480, f64::NAN)
+                .fisheye([0.0; 4], [0.0; 2])
+                .is_err()
+        );
+        assert!(
+            Frame::centred(0, 480, 5.0)
+                .perspective([0.0; 4], [0.0; 2])
+                .is_err()
+        );
+    }
+
+    #[test]
+    fn a_fourth_radial_term_is_kept_by_a_quotient() {
+        let frame = Frame::centred(640, 480, 500.0);
+        let k = [-0.28, 0.11, -0.03, 0.008];
+        let camera = frame.perspective(k, [1e-3, -5e-4]).unwrap();
+        for (x, y) in [(0.0, 0.0), (0.3, 0.1), (-0.5, 0.4), (0.62, -0.46)] {
+            let (u, v): (f64, f64) = (x, y);
+            let t = u * u + v * v;
+            let radial = 1.0 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3])));
+            let expected = DVec2::new(
+                u * radial + 2.0 * 1e-3 * u * v - 5e-4 * (t + 2.0 * u * u),
+                v * radial + 1e-3 * (t + 2.0 * v * v) - 2.0 * 5e-4 * u * v,
+            ) * 500.0
+                + DVec2::new(320.0, 240.0);
+            let found = camera.project(DVec3::new(u, v, 1.0)).unwrap();
+            assert!(found.distance(expected) < NEGLIGIBLE, "{found} {expected}");
+        }
+        // What no lens does is refused instead of bent.
+        let error = frame.perspective([0.0, 0.0, 0.0, f64::INFINITY], [0.0; 2]);
+        assert!(error.unwrap_err().contains("not finite"));
+    }
+}

@@ -1,0 +1,248 @@
+//! Where masks come from, and how they get into the scene: always as one white-on-black PNG a photo.
+
+use crate::coco::{self, Wanted};
+use crate::error::ImportError;
+use crate::gather::Imported;
+use crate::labels::Labels;
+use image::GrayImage;
+use io_colmap::{MaskFiles, MaskSet, Polarity, Scene};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Where to take masks from.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub enum MaskSource {
+    /// From where the poses' own files say, else from `masks/`, else from the photos' alpha
+    /// channels, if any.
+    #[default]
+    Look,
+    /// There are to be none.
+    None,
+    /// From the photos' alpha channels.
+    Alpha,
+    /// From a folder of pictures, or a COCO JSON file.
+    Path(PathBuf),
+}
+
+/// What to do about masks.
+#[derive(Debug, Clone, Default)]
+pub struct MaskOptions {
+    /// Where they come from.
+    pub source: MaskSource,
+    /// Which label of a label picture, or category of a COCO file, is the object.
+    pub label: Option<u32>,
+    /// Which colour of a plain mask is the object; `None` to find out.
+    pub polarity: Option<Polarity>,
+}
+
+/// A source that has been found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Chosen {
+    None,
+    /// If the photos have any.
+    Alpha {
+        required: bool,
+    },
+    Listed,
+    Folder(PathBuf),
+    Coco(PathBuf),
+}
+
+impl MaskOptions {
+    pub(crate) fn choose(&self, imported: &Imported) -> Result<Chosen, ImportError> {
+        let chosen = match &self.source {
+            MaskSource::None => Chosen::None,
+            MaskSource::Alpha => Chosen::Alpha { required: true },
+            MaskSource::Path(path) if path.is_dir() => Chosen::Folder(path.clone()),
+            MaskSource::Path(path) => {
+                let json = path
+                    .extension()
+                    .is_some_and(|e| e.eq_ignore_ascii_case("json"));
+                if !json || !path.is_file() {
+                    return Err(ImportError::bad(
+                        path,
+                        if path.exists() {
+                            "this is neither a folder nor a JSON file"
+                        } else {
+                            "there is no such folder or file"
+                        },
+                        "give the folder the masks lie in, or a COCO JSON file",
+                    ));
+                }
+                Chosen::Coco(path.clone())
+            }
+            MaskSource::Look if imported.masks.iter().any(Option::is_some) => Chosen::Listed,
+            MaskSource::Look => {
+                let folder = imported.root.join("masks");
+                if folder.is_dir() {
+                    Chosen::Folder(folder)
+                } else {
+                    Chosen::Alpha { required: false }
+                }
+            }
+        };
+        if let (Some(label), Chosen::None | Chosen::Alpha { .. }) = (self.label, &chosen) {
+            return Err(ImportError::bad(
+                &imported.root,
+                format!("there are no masks to take the label {label} from"),
+                "name the folder of label pictures or the COCO file with --masks",
+            ));
+        }
+        Ok(chosen)
+    }
+
+    /// Writes the scene's masks into `out`, except those from alpha channels, which `alpha` says
+    /// are there already. Returns their number and adds to the notes.
+    pub(crate) fn write(
+        &self,
+        chosen: &Chosen,
+        imported: &Imported,
+        scene: &Scene,
+        out: &Path,
+        notes: &mut Vec<String>,
+    ) -> Result<usize, ImportError> {
+        let files = match chosen {
+            Chosen::None | Chosen::Alpha { .. } => return Ok(0),
+            Chosen::Coco(path) => return self.write_drawn(path, scene, out, notes),
+            Chosen::Folder(folder) => {
+                notes.push(format!("masks are taken from {}", folder.display()));
+                (folder.as_path(), MaskFiles::find(folder, scene)?)
+            }
+            Chosen::Listed => (
+                imported.root.as_path(),
+                MaskFiles {
+                    paths: imported.masks.clone(),
+                    how: "as listed with the poses".to_owned(),
+                    notes: Vec::new(),
+                },
+            ),
+        };
+        let (place, files) = files;
+        if let Some(label) = self.label {
+            return write_label(label, place, files, scene, out, notes);
+        }
+        let set = MaskSet::of_files(place, files, scene, self.polarity)?;
+        notes.extend(set.notes.iter().cloned());
+        let written: usize = scene
+            .model
+            .views
+            .par_iter()
+            .enumerate()
+            .map(|(i, view)| {
+                let Some(camera) = scene.model.cameras.get(&view.camera_id) else {
+                    return Ok(0);
+                };
+                match set.load(i, camera.width, camera.height)? {
+                    Some(mask) => save(&mask, &mask_path(out, &view.name)).map(|()| 1),
+                    None => Ok(0),
+                }
+            })
+            .sum::<Result<usize, ImportError>>()?;
+        Ok(written)
+    }
+
+    fn write_drawn(
+        &self,
+        path: &Path,
+        scene: &Scene,
+        out: &Path,
+        notes: &mut Vec<String>,
+    ) -> Result<usize, ImportError> {
+        let wanted: Vec<Wanted> = scene
+            .model
+            .views
+            .iter()
+            .map(|view| Wanted {
+                name: &view.name,
+                size: scene
+                    .model
+                    .cameras
+                    .get(&view.camera_id)
+                    .map_or((0, 0), |camera| (camera.width, camera.height)),
+            })
+            .collect();
+        let drawn = coco::draw(path, self.label, &wanted)?;
+        notes.push(format!("masks are drawn from {}", path.display()));
+        notes.extend(drawn.notes);
+        let mut written = 0;
+        for (view, mask) in scene.model.views.iter().zip(drawn.masks) {
+            if let Some(mask) = mask {
+                save(&mask, &mask_path(out, &view.name))?;
+                written += 1;
+            }
+        }
+        notes.push(format!(
+            "{written} of {} photos have a mask",
+            scene.model.views.len()
+        ));
+        Ok(written)
+    }
+}
+
+fn write_label(
+    label: u32,
+    place: &Path,
+    files: MaskFiles,
+    scene: &Scene,
+    out: &Path,
+    notes: &mut Vec<String>,
+) -> Result<usize, ImportError> {
+    let found: Vec<(bool, BTreeSet<u16>)> = scene
+        .model
+        .views
+        .par_iter()
+        .zip(&files.paths)
+        .map(|(view, path)| {
+            let Some(path) = path else {
+                return Ok((false, BTreeSet::new()));
+            };
+            let labels = Labels::read(path)?;
+            save(&labels.mask(label), &mask_path(out, &view.name))?;
+            Ok((true, labels.all()))
+        })
+        .collect::<Result<_, ImportError>>()?;
+    let all: BTreeSet<u16> = found
+        .iter()
+        .flat_map(|(_, labels)| labels)
+        .copied()
+        .collect();
+    if !all.iter().any(|found| u32::from(*found) == label) {
+        let some: Vec<String> = all.iter().take(20).map(u16::to_string).collect();
+        return Err(ImportError::bad(
+            place,
+            format!(
+                "no picture has the label {label}; there are {}",
+                some.join(", ")
+            ),
+            "choose one of them with --label",
+        ));
+    }
+    let written = found.iter().filter(|(is_there, _)| *is_there).count();
+    notes.push(format!(
+        "label {label} is the object; {written} of {} photos have labels ({})",
+        found.len(),
+        files.how
+    ));
+    notes.extend(files.notes);
+    Ok(written)
+}
+
+/// Where a photo's mask goes: its name, with another ending.
+pub(crate) fn mask_path(folder: &Path, photo: &str) -> PathBuf {
+    folder.join(photo).with_extension("png")
+}
+
+pub(crate) fn save(mask: &GrayImage, path: &Path) -> Result<(), ImportError> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|e| ImportError::io("create", folder, e))?;
+    }
+    mask.save(path).map_err(|e| match e {
+        image::ImageError::IoError(e) => ImportError::io("write", path, e),
+        e => ImportError::bad(
+            path,
+            format!("the mask cannot be written ({e})"),
+            "report this",
+        ),
+    })
+}

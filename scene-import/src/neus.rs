@@ -1,0 +1,235 @@
+//! NeuS's and IDR's `cameras_sphere.npz`: for each photo, in the order of their names, a matrix
+//! `world_mat_i = K [R | t]` and the similarity `scale_mat_i` of the object's unit sphere.
+//!
+//! Pixels are taken as COLMAP's: converters write `K` as they find it there.
+
+use crate::error::ImportError;
+use crate::format::Detected;
+use crate::gather::{Found, Gather, Imported};
+use crate::lens::Frame;
+use crate::npy::{Array, read_npz};
+use crate::photos::{first_folder, in_folder, stored_size};
+use crate::pose;
+use glam::{DMat3, DVec2, DVec3};
+use io_colmap::Pose;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Pixels by which leaving skew out may be wrong.
+const MOST_SKEW: f64 = 0.5;
+
+/// A projection matrix taken apart.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Projection {
+    pub(crate) focal: DVec2,
+    pub(crate) centre: DVec2,
+    pub(crate) skew: f64,
+    pub(crate) camera_from_world: Pose,
+}
+
+pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Imported, ImportError> {
+    let path = &detected.source;
+    let arrays = read_npz(path)?;
+    let count = (0..)
+        .take_while(|i| arrays.contains_key(&format!("world_mat_{i}")))
+        .count();
+    if count == 0 {
+        return Err(ImportError::bad(
+            path,
+            "it holds no array world_mat_0",
+            "take the file that NeuS or IDR trains from",
+        ));
+    }
+    let folder = first_folder(&detected.root, images, &["image", "images", "rgb", "."]);
+    let photos = folder.as_deref().map(in_folder).unwrap_or_default();
+    let pairs = pair(path, count, &photos)?;
+    let masks = ["mask", "masks"]
+        .iter()
+        .map(|name| in_folder(&detected.root.join(name)))
+        .find(|masks| !masks.is_empty())
+        .unwrap_or_default();
+
+    let mut gather = Gather::default();
+    for (i, photo) in pairs {
+        let name = format!("world_mat_{i}");
+        let bad = |what: String| {
+            ImportError::bad(
+                path,
+                format!("{name}: {what}"),
+                "it must be the camera's 3x4 or 4x4 projection matrix",
+            )
+        };
+        let projection = arrays
+            .get(&name)
+            .ok_or_else(|| "it is missing".to_owned())
+            .and_then(rows)
+            .and_then(|rows| decompose(&rows))
+            .map_err(bad)?;
+        let (width, height) = stored_size(&photo)?;
+        let frame = Frame {
+            width,
+            height,
+            focal: projection.focal,
+            centre: projection.centre,
+        };
+        let lost = frame.skew_error(projection.skew);
+        if lost > MOST_SKEW {
+            return Err(bad(format!(
+                "the camera's axes are skew by {lost:.1} pixels, which no COLMAP camera is"
+            )));
+        }
+        gather.views.push(Found {
+            // Masks are listed in the same order, one for every photo, or not at all.
+            mask: masks
+                .get(i)
+                .filter(|_| masks.len() == photos.len())
+                .cloned(),
+            photo,
+            camera: frame.perspective([0.0; 4], [0.0; 2]).map_err(bad)?,
+            camera_from_world: projection.camera_from_world,
+        });
+    }
+    if !masks.is_empty() && masks.len() != photos.len() {
+        gather.notes.push(format!(
+            "{} masks do not go with {} photos and are left out; name their folder with --masks to match them by name",
+            masks.len(),
+            photos.len()
+        ));
+    }
+    gather.notes.extend(sphere(&arrays));
+    gather.finish(detected.format, &detected.root, path)
+}
+
+/// Photos in order if there are as many, else by the numbers in their names.
+fn pair(
+    path: &Path,
+    count: usize,
+    photos: &[PathBuf],
+) -> Result<Vec<(usize, PathBuf)>, ImportError> {
+    if photos.len() == count {
+        return Ok(photos.iter().cloned().enumerate().collect());
+    }
+    let numbered: Option<Vec<(usize, PathBuf)>> = photos
+        .iter()
+        .map(|photo| {
+            let number: usize = photo.file_stem()?.to_str()?.parse().ok()?;
+            (number < count).then(|| (number, photo.clone()))
+        })
+        .collect();
+    match numbered {
+        Some(pairs) if !pairs.is_empty() => Ok(pairs),
+        _ => Err(ImportError::bad(
+            path,
+            format!(
+                "it holds {count} cameras, but there are {} photos",
+                photos.len()
+            ),
+            "cameras belong to photos by their order, so there must be as many; restore the photos or name their folder with --images",
+        )),
+    }
+}
+
+/// What the file says about where the object is.
+fn sphere(arrays: &BTreeMap<String, Array>) -> Option<String> {
+    let rows = rows(arrays.get("scale_mat_0")?).ok()?;
+    let centre = DVec3::new(rows[0][3], rows[1][3], rows[2][3]);
+    centre.is_finite().then(|| {
+        format!(
+            "scale_mat puts the object within {} of ({}, {}, {})",
+            rows[0][0], centre.x, centre.y, centre.z
+        )
+    })
+}
+
+/// The upper three rows of a 3x4 or 4x4 array.
+fn rows(array: &Array) -> Result<[[f64; 4]; 3], String> {
+    if array.shape != [4, 4] && array.shape != [3, 4] {
+        return Err(format!("its shape is {:?}", array.shape));
+    }
+    let mut rows = [[0.0; 4]; 3];
+    for (row, values) in rows.iter_mut().zip(array.values.chunks_exact(4)) {
+        row.copy_from_slice(values);
+    }
+    Ok(rows)
+}
+
+/// `P = K [R | t]` up to a factor: an RQ decomposition by Gram and Schmidt, from the last row.
+pub(crate) fn decompose(p: &[[f64; 4]; 3]) -> Result<Projection, String> {
+    if p.iter().flatten().any(|v| !v.is_finite()) {
+        return Err("it is not finite".to_owned());
+    }
+    let [mut m1, mut m2, mut m3] = [0, 1, 2].map(|i| DVec3::new(p[i][0], p[i][1], p[i][2]));
+    let mut last = DVec3::new(p[0][3], p[1][3], p[2][3]);
+    let determinant = m1.dot(m2.cross(m3));
+    let size = m1.length() * m2.length() * m3.length();
+    if size == 0.0 || determinant.abs() < 1e-9 * size {
+        return Err("it is singular".to_owned());
+    }
+    // The factor is taken so that K has a positive diagonal and R does not mirror.
+    let factor = m3.length().copysign(determinant);
+    for row in [&mut m1, &mut m2, &mut m3, &mut last] {
+        *row /= factor;
+    }
+    let r3 = m3;
+    let cy = m2.dot(r3);
+    let fy_r2 = m2 - r3 * cy;
+    let fy = fy_r2.length();
+    let r2 = fy_r2 / fy;
+    let (cx, skew) = (m1.dot(r3), m1.dot(r2));
+    let fx_r1 = m1 - r3 * cx - r2 * skew;
+    let fx = fx_r1.length();
+    let rotation = DMat3::from_cols(fx_r1 / fx, r2, r3).transpose();
+    // K t = last, from below.
+    let tz = last.z;
+    let ty = (last.y - cy * tz) / fy;
+    let tx = (last.x - cx * tz - skew * ty) / fx;
+    Ok(Projection {
+        focal: DVec2::new(fx, fy),
+        centre: DVec2::new(cx, cy),
+        skew,
+        camera_from_world: pose::from_camera_from_world(rotation, DVec3::new(tx, ty, tz))?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use glam::DQuat;
+
+    #[test]
+    fn a_projection_matrix_comes_apart_as_it_was_put_together() {
+        let (f, c, skew) = (DVec2::new(900.0, 880.0), DVec2::new(310.0, 250.0), 1.5);
+        let rotation = DMat3::from_quat(DQuat::from_euler(glam::EulerRot::XYZ, 0.4, 2.0, -1.0));
+        let t = DVec3::new(0.3, -0.2, 4.0);
+        for factor in [1.0, -1.0, 250.0, -1e-3] {
+            let row = |k: DVec3| {
+                let r = rotation.transpose() * k;
+                [r.x, r.y, r.z, k.dot(t)].map(|v| v * factor)
+            };
+            let p = [
+                row(DVec3::new(f.x, skew, c.x)),
+                row(DVec3::new(0.0, f.y, c.y)),
+                row(DVec3::Z),
+            ];
+            let found = decompose(&p).unwrap();
+            assert!(found.focal.distance(f) < 1e-8 && found.centre.distance(c) < 1e-8);
+            assert!((found.skew - skew).abs() < 1e-8);
+            let pose = found.camera_from_world;
+            assert!(pose.translation.distance(t) < 1e-9);
+            let turned = pose.rotation * DVec3::new(1.0, 2.0, 3.0);
+            assert!(turned.distance(rotation * DVec3::new(1.0, 2.0, 3.0)) < 1e-9);
+        }
+        assert!(decompose(&[[0.0; 4]; 3]).unwrap_err().contains("singular"));
+        assert!(
+            decompose(&[[f64::NAN; 4]; 3])
+                .unwrap_err()
+                .contains("finite")
+        );
+        assert!(
+            decompose(&[[1.0, 2.0, 3.0, 4.0]; 3])
+                .unwrap_err()
+                .contains("singular")
+        );
+    }
+}

@@ -1,0 +1,208 @@
+//! Finding photos: by the path a file states, by name, or all of a folder.
+
+use crate::error::ImportError;
+use io_colmap::{PICTURE_ENDINGS, is_picture};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// How deep sub-folders are searched.
+const MAX_DEPTH: usize = 4;
+
+/// The picture at a path that a file in `folder` states: as it is, with an ending it lacks, with
+/// either kind of slash, and, for absolute paths of another machine, by its last parts.
+pub(crate) fn at_path(folder: &Path, stated: &str) -> Option<PathBuf> {
+    let stated = stated.trim().replace('\\', "/");
+    if stated.is_empty() || stated.contains('\0') {
+        return None;
+    }
+    let parts: Vec<&str> = stated.split('/').filter(|part| !part.is_empty()).collect();
+    let absolute = stated.starts_with('/') || stated.as_bytes().get(1) == Some(&b':');
+    let mut bases = vec![folder.join(&stated)];
+    if absolute {
+        // The scene was moved: images/a.jpg, then a.jpg.
+        for count in [2, 1] {
+            if let Some(tail) = parts.len().checked_sub(count) {
+                bases.push(folder.join(parts[tail..].join("/")));
+            }
+        }
+    }
+    bases.into_iter().find_map(|base| {
+        if base.is_file() {
+            return Some(base);
+        }
+        let name = base.file_name()?.to_str()?.to_owned();
+        PICTURE_ENDINGS
+            .iter()
+            .flat_map(|ending| [(*ending).to_owned(), ending.to_uppercase()])
+            .map(|ending| base.with_file_name(format!("{name}.{ending}")))
+            .find(|path| path.is_file())
+    })
+}
+
+/// How to find the photos that a file names by their paths.
+#[derive(Debug)]
+pub(crate) enum Lookup<'a> {
+    /// From this folder.
+    From(&'a Path),
+    /// By name alone, in the folder that the user stated.
+    Named(ByName),
+}
+
+impl<'a> Lookup<'a> {
+    pub(crate) fn new(root: &'a Path, stated: Option<&Path>) -> Result<Self, ImportError> {
+        Ok(match stated {
+            Some(folder) => Lookup::Named(ByName::below(root, Some(folder))?),
+            None => Lookup::From(root),
+        })
+    }
+
+    pub(crate) fn find(&self, path: &str) -> Option<PathBuf> {
+        match self {
+            Lookup::From(root) => at_path(root, path),
+            Lookup::Named(photos) => photos.find(path).map(Path::to_path_buf),
+        }
+    }
+}
+
+/// The pictures directly in a folder, sorted by name as Python's `sorted` and most loaders do.
+pub(crate) fn in_folder(folder: &Path) -> Vec<PathBuf> {
+    let mut all: Vec<PathBuf> = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            is_picture(&name) && !name.starts_with('.') && path.is_file()
+        })
+        .collect();
+    all.sort();
+    all
+}
+
+/// The first of these folders that there is; the one the user named before all others.
+pub(crate) fn first_folder(root: &Path, stated: Option<&Path>, usual: &[&str]) -> Option<PathBuf> {
+    match stated {
+        Some(folder) => Some(folder.to_path_buf()),
+        None => usual
+            .iter()
+            .map(|name| root.join(name))
+            .find(|folder| !in_folder(folder).is_empty()),
+    }
+}
+
+/// Photos by name, for files that do not say where they are.
+#[derive(Debug)]
+pub(crate) struct ByName {
+    /// By the whole name and by the stem, in small letters; `None` where two photos share it.
+    paths: HashMap<String, Option<PathBuf>>,
+}
+
+impl ByName {
+    /// Everything below the folder the user named, else below `images/` or the scene itself.
+    pub(crate) fn below(root: &Path, stated: Option<&Path>) -> Result<ByName, ImportError> {
+        let usual = root.join("images");
+        let folder = match stated {
+            Some(folder) => folder,
+            None if usual.is_dir() => &usual,
+            None => root,
+        };
+        let mut files = Vec::new();
+        list(folder, MAX_DEPTH, &mut files).map_err(|e| ImportError::io("list", folder, e))?;
+        files.sort();
+        let mut paths: HashMap<String, Option<PathBuf>> = HashMap::new();
+        for path in files {
+            let name = path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .to_lowercase();
+            let stem = path
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .to_lowercase();
+            let keys = if stem == name {
+                vec![name]
+            } else {
+                vec![name, stem]
+            };
+            for key in keys {
+                paths
+                    .entry(key)
+                    .and_modify(|known| *known = None)
+                    .or_insert_with(|| Some(path.clone()));
+            }
+        }
+        Ok(ByName { paths })
+    }
+
+    /// The photo with this name, with or without ending, whatever the case.
+    pub(crate) fn find(&self, label: &str) -> Option<&Path> {
+        let label = label.replace('\\', "/").to_lowercase();
+        let name = label.rsplit('/').next().unwrap_or_default();
+        let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+        // A label may have lost its ending or got another one by conversion.
+        [name, stem]
+            .iter()
+            .find_map(|key| self.paths.get(*key)?.as_deref())
+    }
+}
+
+fn list(folder: &Path, depth: usize, out: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if name.starts_with('.') {
+            continue;
+        }
+        if path.is_dir() {
+            // Masks bear the names of photos.
+            if depth > 0 && !name.to_lowercase().contains("mask") {
+                list(&path, depth - 1, out)?;
+            }
+        } else if is_picture(&name) {
+            out.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// The size of a photo as it is stored.
+pub(crate) fn stored_size(path: &Path) -> Result<(u32, u32), ImportError> {
+    Ok(io_colmap::PhotoHeader::read(path)?.stored)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn photos_are_found_however_their_paths_are_written() {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(dir.path().join("images/mask")).unwrap();
+        let photo = dir.path().join("images/r_0.PNG");
+        std::fs::write(&photo, "").unwrap();
+        std::fs::write(dir.path().join("images/mask/r_0.PNG"), "").unwrap();
+        for stated in [
+            "images/r_0.PNG",
+            "./images/r_0.PNG",
+            "./images/r_0",
+            "images\\r_0.PNG",
+            "C:\\work\\images\\r_0.PNG",
+            "/home/x/images/r_0",
+        ] {
+            let found = at_path(dir.path(), stated).unwrap_or_else(|| panic!("{stated}"));
+            assert_eq!(found.canonicalize().unwrap(), photo.canonicalize().unwrap());
+        }
+        for stated in ["", "images", "images/r_1", "\0", "/"] {
+            assert_eq!(at_path(dir.path(), stated), None, "{stated:?}");
+        }
+        let names = ByName::below(dir.path(), None).unwrap();
+        for label in ["r_0", "R_0.png", "r_0.jpg", "x/r_0.tif"] {
+            assert_eq!(names.find(label), Some(&*photo), "{label}");
+        }
+        assert_eq!(names.find("r_1"), None);
+    }
+}

@@ -1,0 +1,293 @@
+//! `transforms.json`: NeRF's synthetic scenes, instant-ngp, nerfstudio.
+//!
+//! Poses take camera space with OpenGL's axes (x right, y up, z backward) to the world. Intrinsics
+//! stand at the top, in each frame, or both; the frame's win.
+
+use crate::error::{ImportError, load};
+use crate::format::Detected;
+use crate::gather::{Found, Gather, Imported};
+use crate::lens::Frame as LensFrame;
+use crate::photos::{Lookup, at_path, stored_size};
+use crate::pose;
+use glam::{DMat3, DVec2, DVec3};
+use io_colmap::{Camera, CameraModel, Pose};
+use serde::Deserialize;
+use std::path::Path;
+
+/// Every way in which the tools state a lens.
+#[derive(Debug, Clone, Default, Deserialize)]
+struct Lens {
+    camera_model: Option<String>,
+    is_fisheye: Option<bool>,
+    w: Option<f64>,
+    h: Option<f64>,
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    /// Radians.
+    camera_angle_x: Option<f64>,
+    camera_angle_y: Option<f64>,
+    /// Degrees.
+    x_fov: Option<f64>,
+    y_fov: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
+    distortion_params: Option<Vec<f64>>,
+}
+
+impl Lens {
+    /// This frame's values, and the file's where it has none.
+    fn over(&self, file: &Lens) -> Lens {
+        macro_rules! merge {
+            ($($field:ident),*) => { Lens { $($field: self.$field.clone().or_else(|| file.$field.clone())),* } };
+        }
+        // A focal length of its own is not to be overruled by the file's, nor one axis by the other.
+        merge!(
+            camera_model,
+            is_fisheye,
+            w,
+            h,
+            fl_x,
+            fl_y,
+            cx,
+            cy,
+            camera_angle_x,
+            camera_angle_y,
+            x_fov,
+            y_fov,
+            k1,
+            k2,
+            k3,
+            k4,
+            p1,
+            p2,
+            distortion_params
+        )
+    }
+}
+
+#[derive(Debug, Deserialize)]
+struct File {
+    #[serde(flatten)]
+    lens: Lens,
+    frames: Vec<FrameEntry>,
+    applied_transform: Option<Vec<Vec<f64>>>,
+    applied_scale: Option<f64>,
+}
+
+#[derive(Debug, Deserialize)]
+struct FrameEntry {
+    #[serde(flatten)]
+    lens: Lens,
+    file_path: String,
+    mask_path: Option<String>,
+    transform_matrix: Vec<Vec<f64>>,
+}
+
+/// `p_file = scale * rotation * p_original + shift`, as nerfstudio's converters wrote it down.
+struct Applied {
+    rotation: DMat3,
+    shift: DVec3,
+    scale: f64,
+}
+
+pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Imported, ImportError> {
+    let path = &detected.source;
+    let file: File =
+        serde_json::from_slice(&load(path)?).map_err(|e| ImportError::json(path, &e))?;
+    let mut gather = Gather::default();
+    let applied = applied(&file, path)?;
+    if applied.is_some() {
+        gather.notes.push(
+            "applied_transform is undone: the scene comes in the frame it had before nerfstudio turned it"
+                .to_owned(),
+        );
+    }
+    let photos = Lookup::new(&detected.root, images)?;
+    let mut masks = 0;
+    for (i, frame) in file.frames.iter().enumerate() {
+        let Some(photo) = photos.find(&frame.file_path) else {
+            gather.drop_view(&frame.file_path, "has no photo");
+            continue;
+        };
+        let bad = |what: String| {
+            ImportError::bad(
+                path,
+                format!("frame {} ({}): {what}", i + 1, frame.file_path),
+                "correct or remove the frame",
+            )
+        };
+        let camera_from_world = pose_of(&frame.transform_matrix, applied.as_ref()).map_err(bad)?;
+        let lens = frame.lens.over(&file.lens);
+        let camera = match (lens.w, lens.h) {
+            (Some(w), Some(h)) => camera(&lens, (whole(w).map_err(bad)?, whole(h).map_err(bad)?)),
+            _ => camera(&lens, stored_size(&photo)?),
+        }
+        .map_err(bad)?;
+        let mask = match &frame.mask_path {
+            None => None,
+            Some(stated) => {
+                let found = at_path(&detected.root, stated);
+                if found.is_none() {
+                    gather.notes.push(format!("the mask {stated} is missing"));
+                }
+                masks += usize::from(found.is_some());
+                found
+            }
+        };
+        gather.views.push(Found {
+            photo,
+            mask,
+            camera,
+            camera_from_world,
+        });
+    }
+    if masks > 0 {
+        gather.notes.push(format!("mask_path gives {masks} masks"));
+    }
+    if path
+        .file_name()
+        .is_some_and(|name| name == "transforms_train.json")
+    {
+        gather.notes.push(
+            "only the training views are read; name another file of the scene to take that"
+                .to_owned(),
+        );
+    }
+    gather.finish(detected.format, &detected.root, path)
+}
+
+/// A picture size, which some tools write as 800.0.
+fn whole(size: f64) -> Result<u32, String> {
+    if (1.0..=1_048_576.0).contains(&size) && size.fract() == 0.0 {
+        Ok(size as u32)
+    } else {
+        Err(format!("a picture size of {size} is none"))
+    }
+}
+
+/// Rotation and translation from three or four rows.
+fn split(matrix: &[Vec<f64>]) -> Result<(DMat3, DVec3), String> {
+    let row = |i: usize| match matrix.get(i).map(Vec::as_slice) {
+        Some(&[a, b, c, d]) => Ok(([a, b, c], d)),
+        _ => Err("a matrix must have 3 or 4 rows of 4 numbers".to_owned()),
+    };
+    if !(3..=4).contains(&matrix.len()) {
+        row(3)?;
+    }
+    let ((r0, x), (r1, y), (r2, z)) = (row(0)?, row(1)?, row(2)?);
+    Ok((pose::rows([r0, r1, r2]), DVec3::new(x, y, z)))
+}
+
+fn applied(file: &File, path: &Path) -> Result<Option<Applied>, ImportError> {
+    let scale = file.applied_scale.unwrap_or(1.0);
+    let matrix = match &file.applied_transform {
+        None if scale == 1.0 => return Ok(None),
+        None => Ok((DMat3::IDENTITY, DVec3::ZERO)),
+        Some(matrix) => split(matrix),
+    };
+    let checked = matrix.and_then(|(matrix, shift)| {
+        if scale.is_nan() || scale <= 0.0 || scale.is_infinite() || !shift.is_finite() {
+            return Err("it is not finite".to_owned());
+        }
+        Ok(Applied {
+            rotation: pose::rotation(matrix)?,
+            shift,
+            scale,
+        })
+    });
+    checked.map(Some).map_err(|what| {
+        ImportError::bad(
+            path,
+            format!("applied_transform or applied_scale: {what}"),
+            "correct or remove it",
+        )
+    })
+}
+
+fn pose_of(matrix: &[Vec<f64>], applied: Option<&Applied>) -> Result<Pose, String> {
+    let (axes, centre) = split(matrix)?;
+    let mut axes = pose::from_opengl(axes);
+    let mut centre = centre;
+    if let Some(Applied {
+        rotation,
+        shift,
+        scale,
+    }) = applied
+    {
+        let back = rotation.transpose();
+        axes = back * axes;
+        centre = back * (centre / *scale - *shift);
+    }
+    pose::camera_from_world(axes, centre)
+}
+
+/// The camera of a frame for pictures of that size in pixels.
+fn camera(lens: &Lens, (width, height): (u32, u32)) -> Result<Camera, String> {
+    let model = lens
+        .camera_model
+        .as_deref()
+        .unwrap_or(match lens.is_fisheye {
+            Some(true) => "OPENCV_FISHEYE",
+            _ => "OPENCV",
+        });
+    if model == "EQUIRECTANGULAR" {
+        return Ok(LensFrame::panorama(width, height));
+    }
+    let size = DVec2::new(f64::from(width), f64::from(height));
+    let from_angle = |pixels: f64, radians: f64| 0.5 * pixels / (0.5 * radians).tan();
+    let axis = |stated: Option<f64>, radians: Option<f64>, degrees: Option<f64>, pixels: f64| {
+        stated
+            .or_else(|| radians.map(|angle| from_angle(pixels, angle)))
+            .or_else(|| degrees.map(|angle| from_angle(pixels, angle.to_radians())))
+    };
+    let fx = axis(lens.fl_x, lens.camera_angle_x, lens.x_fov, size.x);
+    // An angle across and no focal length down means square pixels.
+    let fy = axis(lens.fl_y, lens.camera_angle_y, lens.y_fov, size.y);
+    let (Some(fx), Some(fy)) = (fx.or(fy), fy.or(fx)) else {
+        return Err("neither fl_x nor camera_angle_x is given".to_owned());
+    };
+    let frame = LensFrame {
+        width,
+        height,
+        focal: DVec2::new(fx, fy),
+        centre: DVec2::new(
+            lens.cx.unwrap_or(0.5 * size.x),
+            lens.cy.unwrap_or(0.5 * size.y),
+        ),
+    };
+    let k = [lens.k1, lens.k2, lens.k3, lens.k4].map(Option::unwrap_or_default);
+    let p = [lens.p1, lens.p2].map(Option::unwrap_or_default);
+    match model {
+        "PERSPECTIVE" | "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" => {
+            frame.perspective(k, p)
+        }
+        "FISHEYE" | "OPENCV_FISHEYE" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE" => {
+            frame.fisheye(k, p)
+        }
+        "FISHEYE624" => match lens
+            .distortion_params
+            .as_deref()
+            .map(<&[f64; 12]>::try_from)
+        {
+            Some(Ok(params)) => frame.fisheye624(params),
+            _ => Err("FISHEYE624 needs 12 distortion_params".to_owned()),
+        },
+        "OMNIDIRECTIONALSTEREO_L"
+        | "OMNIDIRECTIONALSTEREO_R"
+        | "VR180_L"
+        | "VR180_R"
+        | "ORTHOPHOTO" => Err(format!(
+            "{model} cameras have no single centre of projection, so no COLMAP model says what they see"
+        )),
+        other => Err(format!(
+            "the camera model {other:?} is unknown; known are {}, OPENCV, PINHOLE, SIMPLE_PINHOLE, OPENCV_FISHEYE, EQUIRECTANGULAR and FISHEYE624",
+            CameraModel::Radial
+        )),
+    }
+}

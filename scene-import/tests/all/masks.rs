@@ -1,0 +1,302 @@
+//! Masks of every kind end as white-on-black PNG files of the right photo.
+
+use crate::fixtures;
+use crate::rig::{HEIGHT, WIDTH};
+use image::{GrayImage, Luma, Rgba, RgbaImage};
+use io_colmap::{MaskSet, Polarity, Scene};
+use scene_import::{Format, ImportError, MaskOptions, MaskSource, Written, detect, read};
+use serde_json::json;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Is the pixel in the object that all these masks show?
+fn inside(x: u32, y: u32) -> bool {
+    (20..70).contains(&x) && (10..50).contains(&y)
+}
+
+fn mask(white: u8, black: u8) -> GrayImage {
+    GrayImage::from_fn(WIDTH, HEIGHT, |x, y| {
+        Luma([if inside(x, y) { white } else { black }])
+    })
+}
+
+fn save(mask: &GrayImage, path: &Path) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    mask.save(path).unwrap();
+}
+
+fn import(dir: &Path, options: &MaskOptions) -> Result<(Written, PathBuf), ImportError> {
+    let imported = read(&detect(dir, None)?, None)?;
+    let out = tempfile::tempdir().unwrap().keep().join("out");
+    Ok((imported.write(&out, options)?, out))
+}
+
+fn from(path: &Path) -> MaskOptions {
+    MaskOptions {
+        source: MaskSource::Path(path.to_owned()),
+        ..MaskOptions::default()
+    }
+}
+
+/// These photos' masks are written, show the object in white, and are found again.
+fn assert_written(out: &Path, photos: &[&str]) {
+    let mut names: Vec<String> = fs::read_dir(out.join("masks"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    let expected: Vec<String> = photos.iter().map(|name| format!("{name}.png")).collect();
+    assert_eq!(names, expected);
+    for name in &names {
+        let found = image::open(out.join("masks").join(name))
+            .unwrap()
+            .into_luma8();
+        assert_eq!(found, mask(255, 0), "{name}");
+    }
+    let scene = Scene::open(out).unwrap();
+    let set = MaskSet::find(&out.join("masks"), &scene, None).unwrap();
+    assert_eq!(set.paths.iter().flatten().count(), photos.len());
+    fs::remove_dir_all(out.parent().unwrap()).unwrap();
+}
+
+#[test]
+fn mask_path_of_transforms_is_followed_whatever_its_polarity() {
+    for (white, black) in [(255, 0), (0, 255)] {
+        let dir = tempfile::tempdir().unwrap();
+        fixtures::transforms(dir.path(), |file| {
+            for i in [0, 1, 3] {
+                file["frames"][i]["mask_path"] = format!("m/{}.png", 10 * i).into();
+            }
+        });
+        for i in [0, 10] {
+            save(&mask(white, black), &dir.path().join(format!("m/{i}.png")));
+        }
+        let (written, out) = import(dir.path(), &MaskOptions::default()).unwrap();
+        assert_eq!(written.masks, 2);
+        assert!(
+            written
+                .notes
+                .iter()
+                .any(|n| n.contains("m/30.png is missing"))
+        );
+        assert_written(&out, &["0001", "0002"]);
+        fs::remove_dir_all(dir.path().join("m")).unwrap();
+    }
+}
+
+#[test]
+fn folders_are_looked_up_and_their_polarity_may_be_stated() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::transforms(dir.path(), |_| {});
+    for name in ["0001", "0003"] {
+        save(&mask(255, 0), &dir.path().join(format!("masks/{name}.png")));
+        save(
+            &mask(0, 255),
+            &dir.path().join(format!("hide/{name}_mask.png")),
+        );
+    }
+    let (written, out) = import(dir.path(), &MaskOptions::default()).unwrap();
+    assert_eq!(written.masks, 2);
+    assert_written(&out, &["0001", "0003"]);
+    let (_, out) = import(dir.path(), &from(&dir.path().join("hide"))).unwrap();
+    assert_written(&out, &["0001", "0003"]);
+    let stated = MaskOptions {
+        polarity: Some(Polarity::WhiteIsObject),
+        ..from(&dir.path().join("hide"))
+    };
+    let (_, out) = import(dir.path(), &stated).unwrap();
+    let found = image::open(out.join("masks/0001.png"))
+        .unwrap()
+        .into_luma8();
+    assert_eq!(found, mask(0, 255));
+    let none = MaskOptions {
+        source: MaskSource::None,
+        ..MaskOptions::default()
+    };
+    let (written, out) = import(dir.path(), &none).unwrap();
+    assert_eq!((written.masks, out.join("masks").exists()), (0, false));
+}
+
+#[test]
+fn co3d_and_neus_bring_theirs_along() {
+    let dir = tempfile::tempdir().unwrap();
+    let sequence = fixtures::co3d(dir.path(), None);
+    fixtures::neus(&dir.path().join("neus"));
+    for name in ["0001", "0002", "0003", "0004"] {
+        save(&mask(255, 0), &sequence.join(format!("masks/{name}.png")));
+        save(
+            &mask(255, 0),
+            &dir.path().join(format!("neus/mask/{name}.png")),
+        );
+    }
+    for scene in [sequence, dir.path().join("neus")] {
+        let (written, out) = import(&scene, &MaskOptions::default()).unwrap();
+        assert_eq!(written.masks, 4);
+        assert_written(&out, &["0001", "0002", "0003", "0004"]);
+    }
+}
+
+#[test]
+fn coco_polygons_and_run_lengths_are_drawn() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::transforms(dir.path(), |_| {});
+    let file = dir.path().join("coco.json");
+    // The same rectangle as an outline, as two, as run lengths, and as pycocotools packs them.
+    let mut lengths = vec![20 * 64 + 10];
+    for _ in 0..49 {
+        lengths.extend([40, 24]);
+    }
+    lengths.extend([40, 14 + 26 * 64]);
+    let packed = PACKED;
+    fs::write(
+        &file,
+        json!({
+            "images": [
+                {"id": 7, "file_name": "photos/0001.jpg", "width": 96, "height": 64},
+                {"id": "b", "file_name": "0002.png"},
+                {"id": 9, "file_name": "0003.png", "width": 96, "height": 64},
+                {"id": 10, "file_name": "0004.png", "width": 96, "height": 64},
+                {"id": 11, "file_name": "other.png", "width": 5, "height": 5},
+            ],
+            "annotations": [
+                {"image_id": 7, "category_id": 3, "segmentation": [
+                    [20, 10, 70, 10, 70, 30, 20, 30], [20, 30, 70, 30, 70, 50, 20, 50]]},
+                {"image_id": "b", "category_id": 3, "segmentation": [[20, 10, 70, 10, 70, 50, 20, 50]]},
+                {"image_id": 9, "category_id": 3, "iscrowd": 1,
+                    "segmentation": {"size": [64, 96], "counts": lengths}},
+                {"image_id": 10, "category_id": 3, "iscrowd": 1,
+                    "segmentation": {"size": [64, 96], "counts": packed}},
+                {"image_id": 10, "category_id": 4, "segmentation": [[0, 0, 9, 0, 9, 9]]},
+                {"image_id": 10, "category_id": 3, "segmentation": []},
+            ],
+            "categories": [{"id": 3, "name": "cat"}, {"id": 4, "name": "dog"}],
+        })
+        .to_string(),
+    )
+    .unwrap();
+    let labelled = |label| MaskOptions {
+        label: Some(label),
+        ..from(&file)
+    };
+    let (written, out) = import(dir.path(), &labelled(3)).unwrap();
+    assert_eq!(written.masks, 4);
+    assert!(
+        written
+            .notes
+            .iter()
+            .any(|n| n.contains("1 annotations are boxes")),
+        "{:?}",
+        written.notes
+    );
+    assert_written(&out, &["0001", "0002", "0003", "0004"]);
+    let (written, _) = import(dir.path(), &from(&file)).unwrap();
+    let notes = written.notes.join("; ");
+    assert!(
+        notes.contains("3 cat (5), 4 dog (1)") && notes.contains("--label"),
+        "{notes}"
+    );
+    let error = import(dir.path(), &labelled(5)).unwrap_err().to_string();
+    assert!(error.contains("3 cat (5)"), "{error}");
+}
+
+/// `pycocotools.mask.encode` of the 96 x 64 picture of [`inside`].
+pub(crate) const PACKED: &str = "ZX1X1h00000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000fc1";
+
+#[test]
+fn coco_files_for_other_photos_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::transforms(dir.path(), |_| {});
+    let file = dir.path().join("coco.json");
+    let refused = |content: serde_json::Value, says: &str| {
+        fs::write(&file, content.to_string()).unwrap();
+        let error = import(dir.path(), &from(&file)).unwrap_err().to_string();
+        assert!(error.contains(says), "{error}");
+    };
+    let images = json!([{"id": 1, "file_name": "0001.png", "width": 96, "height": 64}]);
+    let with = |segmentation: serde_json::Value| json!({"images": images, "annotations": [{"image_id": 1, "segmentation": segmentation}]});
+    refused(json!({"images": [], "annotations": []}), "no pictures");
+    refused(with(json!([])), "has an outline");
+    refused(
+        with(json!({"size": [64, 96], "counts": [1, 2]})),
+        "cover 3 pixels",
+    );
+    refused(with(json!({"size": [63, 96], "counts": [1, 2]})), "96x63");
+    refused(with(json!({"size": [64, 96], "counts": "~"})), "damaged");
+    refused(with(json!(7)), "line 1");
+    let large = json!({
+        "images": [{"id": 1, "file_name": "0001.png", "width": 960_000_000, "height": 640_000_000}],
+        "annotations": [{"image_id": 1, "segmentation": [[0, 0, 1, 0, 1, 1]]}],
+    });
+    refused(large, "another shape");
+}
+
+#[test]
+fn one_label_of_a_label_picture_is_the_object() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::transforms(dir.path(), |_| {});
+    for name in ["0001", "0002"] {
+        let labels = GrayImage::from_fn(WIDTH, HEIGHT, |x, y| {
+            Luma([if inside(x, y) { 2 } else { u8::from(x > 80) }])
+        });
+        save(&labels, &dir.path().join(format!("labels/{name}.png")));
+    }
+    let labelled = |label| MaskOptions {
+        label: Some(label),
+        ..from(&dir.path().join("labels"))
+    };
+    let (written, out) = import(dir.path(), &labelled(2)).unwrap();
+    assert_eq!(written.masks, 2);
+    assert_written(&out, &["0001", "0002"]);
+    let error = import(dir.path(), &labelled(9)).unwrap_err().to_string();
+    assert!(error.contains("there are 0, 1, 2"), "{error}");
+    let nothing = MaskOptions {
+        label: Some(2),
+        ..MaskOptions::default()
+    };
+    let error = import(dir.path(), &nothing).unwrap_err().to_string();
+    assert!(error.contains("--masks"), "{error}");
+}
+
+#[test]
+fn alpha_is_a_mask_and_leaves_the_photo() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::transforms(dir.path(), |_| {});
+    for name in ["0001", "0002", "0003"] {
+        RgbaImage::from_fn(WIDTH, HEIGHT, |x, y| {
+            let opaque = name == "0003" || inside(x, y);
+            Rgba([x as u8, y as u8, 9, if opaque { 255 } else { 0 }])
+        })
+        .save(dir.path().join(format!("images/{name}.png")))
+        .unwrap();
+    }
+    let (written, out) = import(dir.path(), &MaskOptions::default()).unwrap();
+    assert_eq!(written.masks, 2, "an opaque channel says nothing");
+    let photo = image::open(out.join("images/0001.png")).unwrap();
+    assert!(!photo.color().has_alpha());
+    // The photo under the mask is kept: it is one.
+    assert_eq!(photo.into_rgb8().get_pixel(1, 2).0, [1, 2, 9]);
+    assert_written(&out, &["0001", "0002"]);
+
+    let opaque = tempfile::tempdir().unwrap();
+    fixtures::transforms(opaque.path(), |_| {});
+    let alpha = MaskOptions {
+        source: MaskSource::Alpha,
+        ..MaskOptions::default()
+    };
+    let error = import(opaque.path(), &alpha).unwrap_err().to_string();
+    assert!(error.contains("alpha"), "{error}");
+}
+
+#[test]
+fn masks_that_are_not_there_are_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::transforms(dir.path(), |_| {});
+    for (path, says) in [
+        ("nowhere", "no such folder"),
+        ("images/0001.png", "neither a folder"),
+    ] {
+        let error = import(dir.path(), &from(&dir.path().join(path))).unwrap_err();
+        assert!(error.to_string().contains(says), "{error}");
+    }
+    assert_eq!(detect(dir.path(), None).unwrap().format, Format::Transforms);
+}

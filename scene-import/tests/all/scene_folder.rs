@@ -1,0 +1,159 @@
+//! The scene that is written: complete or not there, and read back as it was.
+
+use crate::fixtures::{self, import};
+use crate::rig::{HEIGHT, WIDTH, assert_sees, eyes, pinhole};
+use io_colmap::Scene;
+use scene_import::{Format, MaskOptions, detect, read};
+use serde_json::json;
+use std::fs;
+
+#[test]
+fn a_written_scene_opens_as_colmaps() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = dir.path().join("scene");
+    fixtures::transforms(&scene, |file| {
+        let gone = json!({"file_path": "images/x", "transform_matrix": [[0, 0, 0, 0]]});
+        file["frames"]
+            .as_array_mut()
+            .unwrap()
+            .extend([gone.clone(), gone]);
+    });
+    let imported = import(&scene, Format::Transforms).unwrap();
+    assert_eq!(
+        imported.dropped_sentences(),
+        ["2 views are left out: images/x, for one, has no photo"]
+    );
+    let out = dir.path().join("new/out");
+    let written = imported.write(&out, &MaskOptions::default()).unwrap();
+    assert_eq!((written.photos, written.masks), (4, 0));
+    let opened = Scene::open(&out).unwrap();
+    assert_eq!(opened.model, imported.model);
+    assert!(opened.notes.is_empty(), "{:?}", opened.notes);
+    assert_sees(&opened.model, &eyes(), 1e-6, |_, p| pinhole(p));
+    for view in &opened.model.views {
+        let (a, b) = (
+            opened.image_path(view),
+            scene.join("images").join(&view.name),
+        );
+        assert_eq!(
+            fs::read(a).unwrap(),
+            fs::read(b).unwrap(),
+            "photos are copied as they are"
+        );
+    }
+    let record = fs::read_to_string(out.join("import.txt")).unwrap();
+    assert!(
+        record.contains("transforms.json") && record.contains("images/x has no photo"),
+        "{record}"
+    );
+    // What was written is a COLMAP scene, which may be imported again.
+    assert_eq!(detect(&out, None).unwrap().format, Format::Colmap);
+    let again = import(&out, Format::Colmap).unwrap();
+    assert_eq!(again.model, imported.model);
+    let error = again
+        .write(&out, &MaskOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("something in it already"), "{error}");
+    let entries: Vec<_> = fs::read_dir(dir.path().join("new")).unwrap().collect();
+    assert_eq!(entries.len(), 1, "nothing else is left");
+}
+
+#[test]
+fn photos_in_several_folders_keep_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = dir.path().join("scene");
+    fixtures::transforms(&scene, |file| {
+        file["frames"][0]["file_path"] = "images/left/a.png".into();
+        file["frames"][1]["file_path"] = "images/right/a.png".into();
+    });
+    for side in ["left", "right"] {
+        crate::rig::write_photo(&scene.join(format!("images/{side}/a.png")), WIDTH, HEIGHT);
+    }
+    let imported = import(&scene, Format::Transforms).unwrap();
+    let names: Vec<&str> = imported
+        .model
+        .views
+        .iter()
+        .map(|v| v.name.as_str())
+        .collect();
+    assert_eq!(names, ["0003.png", "0004.png", "left/a.png", "right/a.png"]);
+    let out = dir.path().join("out");
+    imported.write(&out, &MaskOptions::default()).unwrap();
+    assert!(out.join("images/right/a.png").is_file());
+}
+
+#[test]
+fn photos_that_must_be_turned_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = dir.path().join("scene");
+    fixtures::transforms(&scene, |file| {
+        for frame in file["frames"].as_array_mut().unwrap() {
+            let path = frame["file_path"].as_str().unwrap().replace(".png", ".jpg");
+            frame["file_path"] = path.into();
+        }
+    });
+    fs::remove_dir_all(scene.join("images")).unwrap();
+    fs::create_dir(scene.join("images")).unwrap();
+    // Stored lying on the side: its right third is red, which is the bottom when upright.
+    let stored = image::RgbImage::from_fn(HEIGHT, WIDTH, |x, _| {
+        image::Rgb(if x > HEIGHT * 2 / 3 {
+            [220, 10, 10]
+        } else {
+            [10, 10, 220]
+        })
+    });
+    for eye in eyes() {
+        let mut jpeg = Vec::new();
+        stored
+            .write_with_encoder(image::codecs::jpeg::JpegEncoder::new_with_quality(
+                &mut jpeg, 95,
+            ))
+            .unwrap();
+        // "Rotate by 90 degrees clockwise to see it upright": the only entry of an Exif block.
+        let exif = b"\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+        jpeg.splice(2..2, exif.iter().copied());
+        fs::write(scene.join(format!("images/{}.jpg", eye.name)), jpeg).unwrap();
+    }
+    let imported = import(&scene, Format::Transforms).unwrap();
+    assert!(
+        imported
+            .notes
+            .iter()
+            .any(|n| n.contains("4 photos are turned upright"))
+    );
+    assert_sees(&imported.model, &eyes(), 1e-6, |_, p| pinhole(p));
+    let out = dir.path().join("out");
+    let written = imported.write(&out, &MaskOptions::default()).unwrap();
+    assert!(
+        written.notes.iter().any(|n| n.contains("written anew")),
+        "{:?}",
+        written.notes
+    );
+    let photo = image::open(out.join("images/0001.png"))
+        .unwrap()
+        .into_rgb8();
+    assert_eq!(photo.dimensions(), (WIDTH, HEIGHT));
+    assert!(photo.get_pixel(40, 60).0[0] > 150 && photo.get_pixel(40, 5).0[0] < 100);
+    // A camera that knows the photo as it is stored gets it so.
+    let lying = dir.path().join("lying");
+    fixtures::transforms(&lying, |file| {
+        file["w"] = HEIGHT.into();
+        file["h"] = WIDTH.into();
+        file["cx"] = 32.into();
+        file["cy"] = 48.into();
+        for frame in file["frames"].as_array_mut().unwrap() {
+            let path = frame["file_path"].as_str().unwrap().replace(".png", ".jpg");
+            frame["file_path"] = path.into();
+        }
+    });
+    fs::remove_dir_all(lying.join("images")).unwrap();
+    fs::rename(scene.join("images"), lying.join("images")).unwrap();
+    let imported = read(&detect(&lying, None).unwrap(), None).unwrap();
+    assert!(
+        imported.notes.iter().any(|n| n.contains("used as stored")),
+        "{:?}",
+        imported.notes
+    );
+    assert_eq!(imported.model.cameras[&1].width, HEIGHT);
+}

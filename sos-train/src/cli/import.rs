@@ -1,0 +1,141 @@
+//! `sos import`, and the import that `sos train` makes of a scene that is not COLMAP's.
+
+use super::input::{Plan, coarse_masks_hint, mask_source, owns_scene};
+use super::train::{folder, quoted};
+use super::{ImportArgs, TrainArgs, answer, program};
+use crate::error::InputError;
+use crate::export::check_names;
+use crate::progress::Progress;
+use crate::run_folder::RunFolder;
+use scene_import::{Detected, Format, MaskOptions, MaskSource, detect, read};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Makes a COLMAP scene of a folder.
+pub(super) fn import(args: &ImportArgs) -> anyhow::Result<()> {
+    let detected = detect(&args.scene, args.format)?;
+    let options = MaskOptions {
+        source: mask_source(args.masks.as_deref()),
+        label: args.label,
+        polarity: args.polarity.map(Into::into),
+    };
+    let say = |text: &str| {
+        let _ = writeln!(std::io::stderr(), "{text}");
+    };
+    let written = opened(&detected, args.images.as_deref(), &say)?.write(&args.out, &options)?;
+    for note in &written.notes {
+        say(note);
+    }
+    if written.masks == 0
+        && options.source == MaskSource::Look
+        && let Some(hint) = coarse_masks_hint(&detected.root)
+    {
+        say(&hint);
+    }
+    answer(&format!(
+        "{}: {} photos with poses, {} masks; train on it with: {} train {}",
+        args.out.display(),
+        written.photos,
+        written.masks,
+        program(),
+        quoted(&args.out)
+    ));
+    Ok(())
+}
+
+/// What a run's scene was made from.
+pub(super) struct Imported {
+    pub(super) from: PathBuf,
+    pub(super) masks_dir: Option<PathBuf>,
+}
+
+/// Whether the folder can be trained on as it is: a COLMAP model, and masks in a folder or none.
+pub(super) fn is_ready(scene: &Path, plan: &Plan) -> anyhow::Result<bool> {
+    let plain_masks = match &plan.masks {
+        MaskSource::Look | MaskSource::None => true,
+        MaskSource::Alpha => false,
+        MaskSource::Path(path) => !path.is_file(),
+    };
+    let detected = detect(scene, None)?;
+    Ok(
+        detected.format == Format::Colmap
+            && !scene.is_file()
+            && plain_masks
+            && plan.label.is_none(),
+    )
+}
+
+/// Imports a scene into the folder of a run, which is made once the poses are read.
+pub(super) fn import_for_run(
+    args: &TrainArgs,
+    plan: &Plan,
+    scene: &Path,
+    screen: &Progress,
+) -> anyhow::Result<(RunFolder, Imported)> {
+    let detected = detect(scene, None)?;
+    let imported = opened(&detected, None, &|text| screen.note(text))?;
+    let may_replace = owns_scene(&plan.out);
+    let run = folder(args, &plan.out)?;
+    let made = || {
+        let dir = run.scene_dir();
+        if dir.exists() && !may_replace {
+            return Err(InputError::new(
+                &dir,
+                "it is in the way: the imported scene goes there, and no run made this one",
+                "move it, or choose another folder with --out",
+            )
+            .into());
+        }
+        let options = MaskOptions {
+            source: plan.masks.clone(),
+            label: plan.label,
+            polarity: plan.polarity.map(Into::into),
+        };
+        let unfinished = run.fresh_scene_dir()?;
+        let written = imported.write(&unfinished, &options)?;
+        run.take_scene(&unfinished)?;
+        anyhow::Ok(written)
+    };
+    let written = made().inspect_err(|_| {
+        // An empty folder goes, what an earlier run left stays. The error that is on its way says
+        // more than one from tidying up.
+        let _ = run.abandon(false);
+    })?;
+    for note in &written.notes {
+        screen.note(note);
+    }
+    if written.masks == 0
+        && plan.masks == MaskSource::Look
+        && let Some(hint) = coarse_masks_hint(&detected.root)
+    {
+        screen.note(&hint);
+    }
+    let dir = run.scene_dir();
+    screen.note(&format!(
+        "{} photos and {} masks are now a COLMAP scene in {}, which this run works on",
+        written.photos,
+        written.masks,
+        dir.display()
+    ));
+    let imported = Imported {
+        from: scene.to_path_buf(),
+        masks_dir: (written.masks > 0).then(|| dir.join("masks")),
+    };
+    Ok((run, imported))
+}
+
+/// Reads the poses and says what was found and what was left out.
+fn opened(
+    detected: &Detected,
+    images: Option<&Path>,
+    say: &dyn Fn(&str),
+) -> anyhow::Result<scene_import::Imported> {
+    say(&detected.sentence());
+    let imported = read(detected, images)?;
+    for sentence in imported.dropped_sentences() {
+        say(&sentence);
+    }
+    // What training would refuse later is refused now.
+    check_names(imported.model.views.iter().map(|view| view.name.as_str()))?;
+    Ok(imported)
+}

@@ -1,0 +1,216 @@
+//! Scenes that are not COLMAP's: imported on request, and by training on its own.
+
+use io_colmap::Scene;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn sos(dir: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_sos"))
+        .args(arguments)
+        .current_dir(dir)
+        .output()
+        .unwrap()
+}
+
+fn says(output: &Output) -> String {
+    String::from_utf8_lossy(&[&output.stdout[..], &output.stderr].concat()).into_owned()
+}
+
+/// Exit code 2, one sentence with all of `parts`, and no new entry in `dir`.
+fn refused(dir: &Path, arguments: &[&str], parts: &[&str]) {
+    let before = fs::read_dir(dir).unwrap().count();
+    let output = sos(dir, arguments);
+    let text = says(&output);
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
+    for part in parts {
+        assert!(text.contains(part), "{part:?} is not in {text}");
+    }
+    let after = fs::read_dir(dir).unwrap().count();
+    assert_eq!(after, before, "{arguments:?} left something");
+}
+
+/// The miniature demo with transforms.json in place of its COLMAP model.
+fn scene_with_transforms(dir: &Path) {
+    crate::fabricated::SCENE.write(dir).unwrap();
+    let scene = Scene::open(dir).unwrap();
+    let frames: Vec<serde_json::Value> = scene
+        .model
+        .views
+        .iter()
+        .map(|view| {
+            let pose = view.camera_from_world.inverse();
+            let [right, up, back] = [glam::DVec3::X, -glam::DVec3::Y, -glam::DVec3::Z]
+                .map(|axis| pose.transform_vector(axis));
+            let c = pose.translation;
+            serde_json::json!({
+                "file_path": format!("images/{}", view.name),
+                "transform_matrix": [
+                    [right.x, up.x, back.x, c.x],
+                    [right.y, up.y, back.y, c.y],
+                    [right.z, up.z, back.z, c.z],
+                    [0, 0, 0, 1],
+                ],
+            })
+        })
+        .collect();
+    let camera = &scene.model.cameras[&scene.model.views[0].camera_id];
+    let mut file = serde_json::json!({"frames": frames, "w": camera.width, "h": camera.height});
+    for (key, value) in ["fl_x", "fl_y", "cx", "cy"].into_iter().zip(&camera.params) {
+        file[key] = (*value).into();
+    }
+    file["frames"]
+        .as_array_mut()
+        .unwrap()
+        .push(serde_json::json!({
+            "file_path": "images/gone.png", "transform_matrix": frames[0]["transform_matrix"],
+        }));
+    fs::write(dir.join("transforms.json"), file.to_string()).unwrap();
+    fs::remove_dir_all(dir.join("sparse")).unwrap();
+}
+
+#[test]
+fn import_says_what_it_does_and_writes_a_colmap_scene() {
+    let dir = tempfile::tempdir().unwrap();
+    scene_with_transforms(&dir.path().join("fox"));
+    let arguments = [
+        "import",
+        "fox",
+        "--out",
+        "new/scene",
+        "--masks",
+        "fox/coarse_masks",
+    ];
+    let output = sos(dir.path(), &arguments);
+    let text = says(&output);
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    for part in [
+        "transforms.json",
+        "left out: images/gone.png has no photo",
+        "6 photos with poses, 4 masks",
+        "train new/scene",
+    ] {
+        assert!(text.contains(part), "{part:?} is not in {text}");
+    }
+    let scene = Scene::open(&dir.path().join("new/scene")).unwrap();
+    assert_eq!(scene.model.views.len(), 6);
+    refused(
+        dir.path(),
+        &arguments,
+        &["new/scene", "something in it already"],
+    );
+
+    let out = ["--out", "other"];
+    let import = |more: &[&'static str]| [&["import", "fox"][..], &out, more].concat();
+    refused(
+        dir.path(),
+        &import(&["--format", "llff"]),
+        &["LLFF", "not found"],
+    );
+    refused(
+        dir.path(),
+        &import(&["--format", "kolmap"]),
+        &["kolmap", "colmap"],
+    );
+    refused(dir.path(), &import(&["--label", "1"]), &["--masks"]);
+    refused(
+        dir.path(),
+        &import(&["--masks", "nothing.json"]),
+        &["nothing.json"],
+    );
+    fs::write(dir.path().join("fox/transforms.json"), "{\"frames\": [").unwrap();
+    refused(dir.path(), &import(&[]), &["transforms.json, line 1"]);
+}
+
+#[test]
+fn training_imports_a_scene_and_keeps_it() {
+    let dir = tempfile::tempdir().unwrap();
+    scene_with_transforms(&dir.path().join("fox"));
+    let settings = [
+        "steps=4",
+        "model.levels=4",
+        "model.log2_table_size=12",
+        "sampling.target_samples=1024",
+        "sampling.occupancy_resolution=32",
+        "export.mesh_resolution=32",
+    ];
+    let mut train = vec![
+        "train",
+        "fox",
+        "--masks",
+        "fox/coarse_masks",
+        "--out",
+        "run",
+    ];
+    train.extend(["--preset", "quick"]);
+    train.extend(settings.iter().flat_map(|setting| ["--set", setting]));
+    let output = sos(dir.path(), &train);
+    let text = says(&output);
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    assert!(
+        text.contains("transforms.json") && text.contains("run/scene"),
+        "{text}"
+    );
+    let run = dir.path().join("run");
+    for file in [
+        "scene/import.txt",
+        "scene/sparse/0/images.bin",
+        "scene/masks",
+        "report.html",
+    ] {
+        assert!(run.join(file).exists(), "{file}");
+    }
+    let config = fs::read_to_string(run.join("config.toml")).unwrap();
+    assert!(
+        config.contains("imported_from") && config.contains("fox"),
+        "{config}"
+    );
+
+    // It goes on without what it was made from, also from another place.
+    fs::remove_dir_all(dir.path().join("fox")).unwrap();
+    fs::rename(&run, dir.path().join("moved")).unwrap();
+    let resume = ["train", "--resume", "--out", "moved", "--steps", "6"];
+    let output = sos(dir.path(), &resume);
+    assert_eq!(output.status.code(), Some(0), "{}", says(&output));
+    let output = sos(dir.path(), &["report", "moved"]);
+    assert_eq!(output.status.code(), Some(0), "{}", says(&output));
+}
+
+#[test]
+fn scenes_that_cannot_be_imported_leave_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = dir.path().join("fox");
+    scene_with_transforms(&scene);
+    let train = |more: &[&'static str]| [&["train", "fox", "--out", "run"][..], more].concat();
+    refused(
+        dir.path(),
+        &train(&["--masks", "alpha"]),
+        &["alpha channel"],
+    );
+    refused(
+        dir.path(),
+        &train(&["--masks", "nothing.json"]),
+        &["nothing.json"],
+    );
+    refused(
+        dir.path(),
+        &train(&["--label", "7", "--masks", "fox/coarse_masks"]),
+        &["label 7"],
+    );
+    // A scene folder that no run made is left alone.
+    fs::create_dir_all(dir.path().join("run/checkpoint")).unwrap();
+    fs::create_dir_all(dir.path().join("run/scene")).unwrap();
+    fs::write(dir.path().join("run/scene/mine.txt"), "").unwrap();
+    refused(
+        dir.path(),
+        &train(&["--force"]),
+        &["run/scene", "in the way"],
+    );
+    assert!(dir.path().join("run/scene/mine.txt").is_file());
+    fs::remove_dir_all(scene.join("images")).unwrap();
+    refused(
+        dir.path(),
+        &["train", "fox", "--out", "new"],
+        &["none of its 7 views"],
+    );
+}
