@@ -6,6 +6,7 @@ pub mod carve;
 pub mod checkpoint;
 pub mod distortion;
 pub mod grids;
+mod rounds;
 pub mod run;
 pub mod sampler;
 pub mod schedule;
@@ -158,16 +159,16 @@ impl Trainer {
         let march = self.march_config();
         let (grids, partition) = space(&config, self.step, &self.grids, &self.map);
         let marched = self.marcher.march(&batch.rays, grids, &march, partition);
-        let look = self
-            .freeze_fields(schedule)
-            .look(&marched, &config, schedule.cos_anneal);
-        if config.model.probability == ProbabilitySource::Surface {
-            self.vote(data, &batch, &marched, &look);
-        }
         // Where the background is asked for by itself, it has to be complete behind the object too.
         let model = &config.model;
         let both_alone = model.blend == Blend::Ray || model.alpha == AlphaSource::Head;
         let alone = |ray: usize| both_alone || batch.labels[ray] == Label::Background;
+        let look =
+            self.freeze_fields(schedule)
+                .look(&marched, &config, schedule.cos_anneal, alone);
+        if config.model.probability == ProbabilitySource::Surface {
+            self.vote(data, &batch, &marched, &look);
+        }
         let object_rows = look.object_reached();
         let drawn = match config.model.background {
             Transparency::Sdf => Representatives::all(
