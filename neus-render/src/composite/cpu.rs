@@ -5,6 +5,7 @@
 //! is the weight itself, so no division by `1 - a` is needed.
 
 use rayon::prelude::*;
+use tensor_slices::Stopwatch;
 
 use super::{
     CompositeConfig, Packing, background_column, column, object_column,
@@ -35,8 +36,14 @@ pub(crate) struct Gradients {
     pub(crate) sharpness: [f32; 2],
 }
 
+/// Time spent in forward passes.
+pub static FORWARD: Stopwatch = Stopwatch::new();
+/// Time spent in backward passes.
+pub static BACKWARD: Stopwatch = Stopwatch::new();
+
 /// Pixels of all rays: `[rays, 16]` row-major.
 pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
+    let _lap = FORWARD.lap();
     batch.check();
     let mut out = vec![0.0; batch.packing.ray_count() * column::COUNT];
     out.par_chunks_mut(CHUNK * column::COUNT)
@@ -51,6 +58,7 @@ pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
 
 /// Gradients of all inputs from that of the pixels, `grad` `[rays, 16]`.
 pub(crate) fn backward(batch: &Batch<'_>, grad: &[f32]) -> Gradients {
+    let _lap = BACKWARD.lap();
     batch.check();
     let mut object = vec![0.0; batch.object.len()];
     let mut background = vec![0.0; batch.background.len()];

@@ -39,6 +39,7 @@ use burn::{
 };
 use serde::{Deserialize, Serialize};
 
+pub use cpu::{BACKWARD, FORWARD};
 pub use packing::Packing;
 pub use reference::composite_reference;
 pub use visibility::{Light, SampleVisibility, Visibility, sample_visibility, visibility_from};

@@ -7,6 +7,7 @@ use hashgrid::{GridConfig, GridLayout, LazyAdam};
 use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 
 use super::batch::BatchMarcher;
+use super::clock::StepClock;
 use super::grids::FieldGrids;
 use super::sampler::Sampler;
 use super::step::StepContext;
@@ -132,6 +133,7 @@ impl Trainer {
             rays: config.sampling.rays as f32,
             rate_scale: 1.0,
             empty_batches: 0,
+            clock: StepClock::new(),
         })
     }
 }
