@@ -2,8 +2,7 @@
 //!
 //! Cells are numbered `x + r * (y + r * z)` for resolution `r`, over the cube [-half, half]^3: half
 //! 1 for the object, half 2 for a background in contracted space. A cell has a value (an opacity,
-//! as the caller defines it) that fades unless it is renewed, and a bit that marching reads. Bits
-//! are also kept per block of 8^3 cells, so that marching leaves empty regions in long steps.
+//! as the caller defines it) that fades unless it is renewed, and a bit that marching reads.
 //!
 //! ```
 //! use glam::Vec3;
@@ -20,9 +19,6 @@
 use glam::Vec3;
 
 use crate::random::unit_float;
-
-/// Edge of the blocks, in cells.
-const BLOCK: u32 = 8;
 
 /// Why stored values can't be a grid's.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -47,8 +43,6 @@ pub struct OccupancyGrid {
     decay: f32,
     values: Vec<f32>,
     bits: Vec<u64>,
-    /// One bit per block of [`BLOCK`]^3 cells: whether any of its cells is occupied.
-    block_bits: Vec<u64>,
     /// Cells that stay occupied whatever their value.
     protected: Option<Vec<u64>>,
 }
@@ -71,14 +65,12 @@ impl OccupancyGrid {
             "OccupancyGrid::new: half {half} is not a positive length"
         );
         let cells = (resolution as usize).pow(3);
-        let blocks = (resolution.div_ceil(BLOCK) as usize).pow(3);
         Self {
             resolution,
             half,
             decay: Self::DEFAULT_DECAY,
             values: vec![0.0; cells],
             bits: vec![0; cells.div_ceil(64)],
-            block_bits: vec![0; blocks.div_ceil(64)],
             protected: None,
         }
     }
@@ -188,7 +180,6 @@ impl OccupancyGrid {
         for (word, &keep) in self.bits.iter_mut().zip(protected.iter()) {
             *word |= keep;
         }
-        self.rebuild_blocks();
     }
 
     /// Ends all protection; bits change at the next [`rebuild_bits`](Self::rebuild_bits).
@@ -208,22 +199,6 @@ impl OccupancyGrid {
             for (word, &keep) in self.bits.iter_mut().zip(protected) {
                 *word |= keep;
             }
-        }
-        self.rebuild_blocks();
-    }
-
-    fn rebuild_blocks(&mut self) {
-        let blocks = self.resolution.div_ceil(BLOCK);
-        self.block_bits.fill(0);
-        for cell in 0..self.values.len() as u32 {
-            // Whole empty words are passed over.
-            let word = self.bits[cell as usize / 64];
-            if word == 0 || (word >> (cell % 64)) & 1 == 0 {
-                continue;
-            }
-            let [x, y, z] = self.coordinates(cell).map(|c| c / BLOCK);
-            let block = (x + blocks * (y + blocks * z)) as usize;
-            self.block_bits[block / 64] |= 1 << (block % 64);
         }
     }
 
@@ -290,35 +265,41 @@ impl OccupancyGrid {
         self.centre_of(cell) + offset * self.cell_size()
     }
 
-    /// Zero when `p`'s cell is occupied; otherwise a distance along the ray for which it stays in
-    /// empty cells: to the end of `p`'s block if that is empty, else of its cell. `inverse` is one
-    /// over the ray's direction (infinite where that is zero). Outside the cube, where nothing is
-    /// known about what follows, the smallest positive number.
-    #[inline]
-    pub(crate) fn empty_length(&self, p: Vec3, inverse: Vec3) -> f32 {
-        if !p.abs().cmple(Vec3::splat(self.half)).all() {
-            return f32::MIN_POSITIVE;
+    /// What looking up many points at once needs to know.
+    #[inline(always)]
+    pub(crate) fn lookup(&self) -> Lookup<'_> {
+        Lookup {
+            bits: &self.bits,
+            resolution: self.resolution as i32,
+            half: self.half,
+            scale: self.resolution as f32 / (2.0 * self.half),
+            last: (self.resolution - 1) as f32,
         }
-        let cell = self.floor(p);
-        let number = cell[0] + self.resolution * (cell[1] + self.resolution * cell[2]);
-        if self.cell_occupied(number) {
-            return 0.0;
-        }
-        let blocks = self.resolution.div_ceil(BLOCK);
-        let [x, y, z] = cell.map(|c| c / BLOCK);
-        let block = (x + blocks * (y + blocks * z)) as usize;
-        let block_empty = (self.block_bits[block / 64] >> (block % 64)) & 1 == 0;
-        let edge = if block_empty { BLOCK } else { 1 };
-        let size = self.cell_size();
-        let low = Vec3::from(cell.map(|c| (c / edge * edge) as f32)) * size - self.half;
-        let high = low + edge as f32 * size;
-        // A ray parallel to an axis never leaves along it: infinite inverses give an infinite or
-        // (on the border, 0 * inf) undefined length, and `min` passes over the latter.
-        let a = (low - p) * inverse;
-        let b = (high - p) * inverse;
-        a.x.max(b.x)
-            .min(a.y.max(b.y))
-            .min(a.z.max(b.z))
-            .max(f32::MIN_POSITIVE)
+    }
+}
+
+/// A grid's cells for vector code, numbered as [`OccupancyGrid`]'s.
+#[derive(Clone, Copy)]
+pub(crate) struct Lookup<'a> {
+    bits: &'a [u64],
+    pub(crate) resolution: i32,
+    pub(crate) half: f32,
+    /// Cells per unit of length.
+    pub(crate) scale: f32,
+    /// The largest coordinate of a cell.
+    pub(crate) last: f32,
+}
+
+impl Lookup<'_> {
+    /// Whether a cell is occupied.
+    ///
+    /// # Safety
+    /// `cell` must be below `resolution^3`.
+    #[inline(always)]
+    pub(crate) unsafe fn is_occupied_unchecked(&self, cell: usize) -> bool {
+        debug_assert!(cell / 64 < self.bits.len());
+        // SAFETY: the caller promises that the cell exists, and each has a bit.
+        let word = unsafe { *self.bits.get_unchecked(cell / 64) };
+        (word >> (cell % 64)) & 1 == 1
     }
 }

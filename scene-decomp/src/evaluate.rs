@@ -93,18 +93,26 @@ impl FrozenSurface {
     /// Signed distance, feature and normal of `points: [n, 3]`.
     #[must_use]
     pub fn geometry(&self, points: &[f32]) -> Geometry {
-        let columns = self.sdf.b2.dims()[0] + 3;
+        self.geometry_of(points.to_vec())
+    }
+
+    /// Columns of [`FrozenSurface::geometry`]'s answers.
+    #[must_use]
+    pub fn columns(&self) -> usize {
+        self.sdf.b2.dims()[0] + 3
+    }
+
+    /// [`FrozenSurface::geometry`] of points that are handed over.
+    #[must_use]
+    pub fn geometry_of(&self, points: Vec<f32>) -> Geometry {
+        let columns = self.columns();
         if points.is_empty() {
             return Geometry {
                 values: Vec::new(),
                 columns,
             };
         }
-        let out = sdf_field(
-            self.rows(points.to_vec(), 3),
-            self.sdf.clone(),
-            self.config.clone(),
-        );
+        let out = sdf_field(self.rows(points, 3), self.sdf.clone(), self.config.clone());
         Geometry {
             values: values(out),
             columns,

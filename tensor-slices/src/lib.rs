@@ -21,12 +21,14 @@
 mod flex;
 mod ndarray;
 mod scratch;
+mod stopwatch;
 
 use std::borrow::Cow;
 
 use burn::backend::{Backend, tensor::FloatTensor};
 
 pub use scratch::Scratch;
+pub use stopwatch::{Lap, Stopwatch};
 
 /// A CPU backend whose float tensors can be read and written as `f32` slices in row-major order.
 pub trait F32Slices: Backend {

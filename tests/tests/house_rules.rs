@@ -41,6 +41,18 @@ const ALLOWED: [(&str, &[&str]); 12] = [
             "tensor-slices",
         ],
     ),
+    (
+        "sos-bench",
+        &[
+            "demo-scene",
+            "hashgrid",
+            "io-colmap",
+            "neus-render",
+            "scene-decomp",
+            "sos-train",
+            "tensor-slices",
+        ],
+    ),
     ("xtask", &[]),
     (
         "sos-tests",

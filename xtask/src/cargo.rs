@@ -86,7 +86,7 @@ impl Workspace {
             Task::Compare => program("sos-train", "sos", &["compare"]),
             Task::Sos => program("sos-train", "sos", &[]),
             Task::Demo => program("demo-scene", "demo-scene", &[]),
-            Task::Bench => self.cargo("bench", everywhere(&arguments)),
+            Task::Bench => program("sos-bench", "sos-bench", &[]),
             Task::Test | Task::Check | Task::Ci => self
                 .cargo("test", &["--release"])
                 .with_all(everywhere(&arguments)),
@@ -193,13 +193,10 @@ mod tests {
     }
 
     #[test]
-    fn bench_covers_the_workspace_unless_packages_are_chosen() {
-        let bench = "bench --manifest-path /ws/Cargo.toml";
-        assert_eq!(line(Task::Bench, &[]), format!("{bench} --workspace"));
-        let chosen = ["--package", "hashgrid", "--bench", "encode"];
+    fn bench_measures_optimised_code() {
         assert_eq!(
-            line(Task::Bench, &chosen),
-            format!("{bench} {}", chosen.join(" "))
+            line(Task::Bench, &["--json"]),
+            "run --manifest-path /ws/Cargo.toml --release --package sos-bench --bin sos-bench -- --json"
         );
     }
 

@@ -15,7 +15,7 @@ usage: cargo xtask TASK [ARGUMENTS]
   sos ...         any other command of the sos program
   demo OUT        write the demo scene with its exact ground truth (demo-scene)
   test            run all tests (cargo test --release --workspace)
-  bench           run all benchmarks (cargo bench --workspace)
+  bench           speed of training against this machine's peaks and PyTorch (sos-bench)
   check           formatting, lints, documentation; licences and spelling where installed
   ci              check, then test: what a change must pass
   help            this text

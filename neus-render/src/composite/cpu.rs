@@ -5,15 +5,17 @@
 //! is the weight itself, so no division by `1 - a` is needed.
 
 use rayon::prelude::*;
+use tensor_slices::Stopwatch;
 
 use super::{
     CompositeConfig, Packing, background_column, column, object_column,
     opacity::{Kernel, Opacity},
+    visibility::Light,
 };
 use crate::alpha::NeusParameters;
 
 /// Rays that one task handles.
-const CHUNK: usize = 32;
+pub(super) const CHUNK: usize = 32;
 /// Least divisor in the derivative of the log-transmittance with respect to a matte value.
 const LEAST_SURVIVAL: f32 = 1e-4;
 
@@ -34,81 +36,14 @@ pub(crate) struct Gradients {
     pub(crate) sharpness: [f32; 2],
 }
 
-/// How one sample is seen from its ray's origin.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Visibility {
-    /// Its weight in the joint pixel, `w_F` or `w_B`.
-    pub weight: f32,
-    /// What both fields let through before it.
-    pub transmittance: f32,
-    /// What its own field lets through before it.
-    pub alone: f32,
-}
-
-/// [`Visibility`] of the samples of both fields.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SampleVisibility {
-    /// Of the object's rows; `[m_f]`.
-    pub object: Vec<Visibility>,
-    /// Of the background's rows; `[m_b]`.
-    pub background: Vec<Visibility>,
-}
-
-/// Weights and transmittances of all samples, as plain numbers: which of them light reaches at all,
-/// and where a ray's surface lies.
-///
-/// `object` `[m_f, 6]` and `background` `[m_b, 5]` row-major, as for [`composite`](super::composite);
-/// colours are not read.
-///
-/// # Panics
-/// When a slice's length doesn't fit the packing.
-pub fn sample_visibility(
-    object: &[f32],
-    background: &[f32],
-    sharpness: [f32; 2],
-    packing: &Packing,
-    config: CompositeConfig,
-) -> SampleVisibility {
-    let batch = Batch {
-        object,
-        background,
-        sharpness,
-        packing,
-        config,
-    };
-    batch.check();
-    let mut out = SampleVisibility {
-        object: vec![Visibility::default(); packing.object().len()],
-        background: vec![Visibility::default(); packing.background().len()],
-    };
-    batch
-        .split(&mut out.object, 1, &mut out.background, 1)
-        .into_par_iter()
-        .for_each(|part| {
-            for ray in part.rays.clone() {
-                batch.walk(ray, |step| {
-                    if let Some(row) = step.object_row {
-                        part.object[row - part.object_start] = Visibility {
-                            weight: step.object_weight(),
-                            transmittance: step.joint,
-                            alone: step.object_alone,
-                        };
-                    }
-                    if let Some(row) = step.background_row {
-                        part.background[row - part.background_start] = Visibility {
-                            weight: step.background_weight(),
-                            transmittance: step.joint,
-                            alone: step.background_alone,
-                        };
-                    }
-                });
-            }
-        });
-    out
-}
+/// Time spent in forward passes.
+pub static FORWARD: Stopwatch = Stopwatch::new();
+/// Time spent in backward passes.
+pub static BACKWARD: Stopwatch = Stopwatch::new();
 
 /// Pixels of all rays: `[rays, 16]` row-major.
 pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
+    let _lap = FORWARD.lap();
     batch.check();
     let mut out = vec![0.0; batch.packing.ray_count() * column::COUNT];
     out.par_chunks_mut(CHUNK * column::COUNT)
@@ -123,6 +58,7 @@ pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
 
 /// Gradients of all inputs from that of the pixels, `grad` `[rays, 16]`.
 pub(crate) fn backward(batch: &Batch<'_>, grad: &[f32]) -> Gradients {
+    let _lap = BACKWARD.lap();
     batch.check();
     let mut object = vec![0.0; batch.object.len()];
     let mut background = vec![0.0; batch.background.len()];
@@ -157,48 +93,46 @@ pub(crate) fn backward(batch: &Batch<'_>, grad: &[f32]) -> Gradients {
 }
 
 /// One interval on the way along a ray; transmittances are those before it.
-struct Step {
+pub(super) struct Step {
     interval: usize,
-    object_row: Option<usize>,
-    background_row: Option<usize>,
+    pub(super) object_row: Option<usize>,
+    pub(super) background_row: Option<usize>,
     object: Opacity,
     background: Opacity,
-    joint: f32,
-    object_alone: f32,
-    background_alone: f32,
+    pub(super) joint: f32,
+    pub(super) object_alone: f32,
+    pub(super) background_alone: f32,
 }
 
 impl Step {
     #[inline]
-    fn object_weight(&self) -> f32 {
+    pub(super) fn object_weight(&self) -> f32 {
         self.joint * self.object.alpha * (1.0 - 0.5 * self.background.alpha)
     }
 
     #[inline]
-    fn background_weight(&self) -> f32 {
+    pub(super) fn background_weight(&self) -> f32 {
         self.joint * self.background.alpha * (1.0 - 0.5 * self.object.alpha)
     }
 }
 
 /// Transmittances of a whole ray.
-struct Remainder {
-    joint: f32,
-    object: f32,
-    background: f32,
+pub(super) struct Remainder {
+    pub(super) light: Light,
     object_log: f32,
 }
 
 /// Consecutive rays and their rows of two per-sample arrays.
-struct Part<'a, T = f32> {
-    rays: std::ops::Range<usize>,
-    object: &'a mut [T],
-    object_start: usize,
-    background: &'a mut [T],
-    background_start: usize,
+pub(super) struct Part<'a, T = f32> {
+    pub(super) rays: std::ops::Range<usize>,
+    pub(super) object: &'a mut [T],
+    pub(super) object_start: usize,
+    pub(super) background: &'a mut [T],
+    pub(super) background_start: usize,
 }
 
 impl<'a> Batch<'a> {
-    fn check(&self) {
+    pub(super) fn check(&self) {
         let expected = self.packing.object().len() * object_column::COUNT;
         assert_eq!(
             self.object.len(),
@@ -216,7 +150,7 @@ impl<'a> Batch<'a> {
     }
 
     /// Cuts two per-sample arrays (of so many values per row) along chunks of rays.
-    fn split<'b, T>(
+    pub(super) fn split<'b, T>(
         &self,
         mut object: &'b mut [T],
         object_width: usize,
@@ -261,7 +195,7 @@ impl<'a> Batch<'a> {
 
     /// Visits the intervals of a ray from front to back.
     #[inline]
-    fn walk(&self, ray: usize, mut visit: impl FnMut(Step)) -> Remainder {
+    pub(super) fn walk(&self, ray: usize, light: Light, mut visit: impl FnMut(Step)) -> Remainder {
         let packing = self.packing;
         let kernels = [
             Kernel::new(self.config.object, self.neus(self.sharpness[0])),
@@ -272,9 +206,7 @@ impl<'a> Batch<'a> {
         let mut background_row = packing.background_offsets()[ray] as usize;
         let background_end = packing.background_offsets()[ray + 1] as usize;
         let mut rest = Remainder {
-            joint: 1.0,
-            object: 1.0,
-            background: 1.0,
+            light,
             object_log: 0.0,
         };
         let range = packing.ray_offsets()[ray] as usize..packing.ray_offsets()[ray + 1] as usize;
@@ -286,9 +218,9 @@ impl<'a> Batch<'a> {
                 background_row: None,
                 object: Opacity::NONE,
                 background: Opacity::NONE,
-                joint: rest.joint,
-                object_alone: rest.object,
-                background_alone: rest.background,
+                joint: rest.light.joint,
+                object_alone: rest.light.object,
+                background_alone: rest.light.background,
             };
             if object_row < object_end && packing.object()[object_row] as usize == interval {
                 let row = &self.object[object_row * object_column::COUNT..];
@@ -311,9 +243,10 @@ impl<'a> Batch<'a> {
                 step.background_row = Some(background_row);
                 background_row += 1;
             }
-            rest.joint *= step.object.survival * step.background.survival;
-            rest.object *= step.object.survival;
-            rest.background *= step.background.survival;
+            let light = &mut rest.light;
+            light.joint *= step.object.survival * step.background.survival;
+            light.object *= step.object.survival;
+            light.background *= step.background.survival;
             rest.object_log += step.object.log;
             visit(step);
         }
@@ -321,7 +254,7 @@ impl<'a> Batch<'a> {
     }
 
     fn render(&self, ray: usize, pixel: &mut [f32]) {
-        let rest = self.walk(ray, |step| {
+        let rest = self.walk(ray, Light::ALL, |step| {
             let t = self.packing.t()[step.interval];
             let (w_f, w_b) = (step.object_weight(), step.background_weight());
             if let Some(row) = step.object_row {
@@ -344,9 +277,9 @@ impl<'a> Batch<'a> {
             }
             pixel[column::JOINT_DEPTH] += (w_f + w_b) * t;
         });
-        pixel[column::OBJECT_OPACITY] = 1.0 - rest.object;
-        pixel[column::BACKGROUND_OPACITY] = 1.0 - rest.background;
-        pixel[column::JOINT_OPACITY] = 1.0 - rest.joint;
+        pixel[column::OBJECT_OPACITY] = 1.0 - rest.light.object;
+        pixel[column::BACKGROUND_OPACITY] = 1.0 - rest.light.background;
+        pixel[column::JOINT_OPACITY] = 1.0 - rest.light.joint;
         pixel[column::OBJECT_LOG_TRANSMITTANCE] = rest.object_log;
     }
 
@@ -371,7 +304,7 @@ impl<'a> Batch<'a> {
         part: &mut Part<'_>,
     ) -> [f64; 2] {
         steps.clear();
-        let rest = self.walk(ray, |step| steps.push(step));
+        let rest = self.walk(ray, Light::ALL, |step| steps.push(step)).light;
         let kernels = [
             Kernel::new(self.config.object, self.neus(self.sharpness[0])),
             Kernel::new(self.config.background, self.neus(self.sharpness[1])),

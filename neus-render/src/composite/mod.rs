@@ -29,6 +29,7 @@ mod cpu;
 mod opacity;
 mod packing;
 mod reference;
+mod visibility;
 
 use std::sync::Arc;
 
@@ -38,9 +39,10 @@ use burn::{
 };
 use serde::{Deserialize, Serialize};
 
-pub use cpu::{SampleVisibility, Visibility, sample_visibility};
+pub use cpu::{BACKWARD, FORWARD};
 pub use packing::Packing;
 pub use reference::composite_reference;
+pub use visibility::{Light, SampleVisibility, Visibility, sample_visibility, visibility_from};
 
 /// Columns of the object's samples.
 pub mod object_column {

@@ -17,12 +17,13 @@
 //! With everything occupied, the intervals cover [near, far] without a gap.
 
 mod intervals;
+mod raster;
 
-use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use intervals::{Field, Intervals, Samples};
+use raster::{Flags, Raster};
 
 use crate::{
     contraction::contract,
@@ -34,6 +35,10 @@ use crate::{
 
 /// Rays that one task marches; also the unit in which intervals are gathered.
 const CHUNK: usize = 64;
+
+/// Steps ahead in which the object's grid must be empty for the background to be marched in longer
+/// ones.
+const CLEARANCE: usize = 6;
 
 /// How the raster of steps is placed on a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,7 +56,7 @@ pub struct MarchConfig {
     /// Step length inside the object box.
     pub step_object: f32,
     /// Inside the box, how many steps the background alone is marched at once, where the object's
-    /// grid is empty for at least that far: only the object needs fine steps.
+    /// grid is empty for six steps ahead: only the object needs fine steps. At most six.
     pub background_stride: u32,
     /// Intervals between the box and infinity, evenly spaced in `d / (d + 1)`; what lies beyond
     /// `far` or nearer than `near` is left out.
@@ -112,6 +117,9 @@ struct Chunk {
     dt: Vec<f32>,
     object: Vec<bool>,
     background: Vec<bool>,
+    /// Of the ray at hand.
+    object_steps: Flags,
+    background_steps: Flags,
 }
 
 impl Marcher {
@@ -240,8 +248,14 @@ impl Chunk {
         self.approach(&outside, before, before - near);
         if let Some(span) = inside {
             let step = stretch * config.step_object;
-            let stride = i64::from(config.background_stride.max(1));
-            self.cross(ray, grids, (span.near, span.far), (step, stride), offset);
+            let raster = Raster {
+                begin: span.near,
+                end: span.far,
+                first: span.near + offset * step,
+                step,
+            };
+            let stride = config.background_stride.max(1) as usize;
+            self.cross(ray, grids, &raster, stride);
         }
         if config.behind_box {
             self.recede(&outside, behind, far - behind);
@@ -304,67 +318,26 @@ impl Chunk {
     }
 
     /// The stretch inside the object box.
-    fn cross(
-        &mut self,
-        ray: &Ray,
-        grids: Grids<'_>,
-        (begin, end): (f32, f32),
-        (step, stride): (f32, i64),
-        offset: f32,
-    ) {
-        let inverse = ray.direction.recip();
-        let first = begin + offset * step;
-        // Interval k lies between lines k - 1 and k; line -1 is where the box begins.
-        let line = |k: i64| {
-            if k < 0 {
-                begin
-            } else {
-                (first + k as f32 * step).min(end)
+    fn cross(&mut self, ray: &Ray, grids: Grids<'_>, raster: &Raster, stride: usize) {
+        for (flags, grid) in [
+            (&mut self.object_steps, grids.object),
+            (&mut self.background_steps, grids.background),
+        ] {
+            match grid {
+                Some(grid) => flags.look_up(grid, ray, raster),
+                None => flags.clear(),
             }
-        };
-        let steps_per_length = 1.0 / step;
+        }
         let mut k = 0;
-        loop {
-            let from = line(k - 1);
-            if from >= end {
-                break;
+        while let Some(next) = self.object_steps.next_of_either(&self.background_steps, k) {
+            let object = self.object_steps.get(next);
+            let background = self.background_steps.get(next);
+            k = next + 1;
+            // Not close to the object: there the background is what its plate shows.
+            if !object && (k..next + CLEARANCE).all(|k| !self.object_steps.get(k)) {
+                k = next + stride.min(CLEARANCE);
             }
-            let to = line(k);
-            if to <= from {
-                k += 1;
-                continue;
-            }
-            let middle = 0.5 * (from + to);
-            // Rounding must not push points of the border out of the grids.
-            let p = ray.at(middle).clamp(Vec3::NEG_ONE, Vec3::ONE);
-            let object = grids
-                .object
-                .map_or(f32::INFINITY, |g| g.empty_length(p, inverse));
-            let background = grids
-                .background
-                .map_or(f32::INFINITY, |g| g.empty_length(p, inverse));
-            let empty = object.min(background);
-            if empty > 0.0 {
-                // To the first interval whose midpoint lies beyond the empty stretch; one less, as
-                // the division may round up.
-                let skipped = (empty * steps_per_length).min(1e9) as i64;
-                k += skipped.max(1);
-            } else {
-                // The object's emptiness is known from the midpoint on: half a step of it is used up.
-                let free = (object * steps_per_length - 0.5).clamp(0.0, 1e9) as i64;
-                let at_once = if object > 0.0 {
-                    free.clamp(1, stride)
-                } else {
-                    1
-                };
-                self.push(
-                    from,
-                    line(k + at_once - 1),
-                    object == 0.0,
-                    background == 0.0,
-                );
-                k += at_once;
-            }
+            self.push(raster.line(next), raster.line(k), object, background);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
-use tensor_slices::Scratch;
+use tensor_slices::{Scratch, Stopwatch};
 
 use crate::sdf_field::transposed;
 use crate::tile::partials::LayerPartials;
@@ -125,6 +125,13 @@ pub(crate) enum Keep {
     ForBackward,
 }
 
+/// Time spent in forward passes that no backward follows.
+pub static EVALUATION: Stopwatch = Stopwatch::new();
+/// Time spent in forward passes that a backward follows.
+pub static FORWARD: Stopwatch = Stopwatch::new();
+/// Time spent in backward passes.
+pub static BACKWARD: Stopwatch = Stopwatch::new();
+
 /// What backward needs.
 #[derive(Debug)]
 #[allow(unreachable_pub)] // an associated type of a public backend must be public
@@ -144,6 +151,10 @@ pub(crate) fn forward(
     weights: Weights,
     keep: Keep,
 ) -> (Vec<f32>, Option<Saved>) {
+    let _lap = match keep {
+        Keep::Nothing => EVALUATION.lap(),
+        Keep::ForBackward => FORWARD.lap(),
+    };
     let n = inputs.len();
     let outputs = weights.outputs();
     let width = weights.0[0].inputs;
@@ -254,6 +265,7 @@ pub(crate) struct Gradients {
 
 /// Gradients for `grad [n, C]`.
 pub(crate) fn backward(saved: &Saved, grad: &[f32]) -> Gradients {
+    let _lap = BACKWARD.lap();
     let [first, second, third] = &saved.weights.0;
     let outputs = third.outputs();
     let columns = saved.geometry_columns;

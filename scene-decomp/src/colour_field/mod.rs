@@ -17,6 +17,8 @@ mod autodiff;
 mod cpu;
 pub mod reference;
 
+pub use cpu::{BACKWARD, EVALUATION, FORWARD};
+
 use burn::Tensor;
 use burn::backend::{Backend, Dispatch, backend_extension, tensor::FloatTensor};
 

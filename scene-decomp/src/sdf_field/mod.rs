@@ -28,6 +28,7 @@ use burn::backend::{Backend, Dispatch, backend_extension, tensor::FloatTensor};
 use hashgrid::{GridLayout, SparseGrad};
 
 pub(crate) use cpu::transposed;
+pub use cpu::{BACKWARD, EVALUATION, FORWARD};
 
 /// Whether the op computes normals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -38,7 +38,7 @@ impl Picture<'_> {
         let mut encoder = Encoder::new(out, self.width, self.height);
         encoder.set_color(self.kind);
         encoder.set_depth(self.depth);
-        encoder.set_compression(Compression::Balanced);
+        encoder.set_compression(Compression::Fast);
         if self.meaning == Meaning::Colour {
             encoder.set_source_srgb(SrgbRenderingIntent::RelativeColorimetric);
         }

@@ -17,8 +17,9 @@ use crate::train::grids::FieldGrids;
 use crate::train::step::density_of;
 use crate::train::visible::{FrozenFields, Look, composite_config};
 
-/// Rays whose samples are in memory at once.
-const CHUNK: usize = 8192;
+/// Rays whose samples are in memory at once: few enough that a core's cache holds most of them, and
+/// that their lists come from memory that is already there.
+const CHUNK: usize = 2048;
 
 /// A trained scene, frozen.
 #[derive(Debug)]
@@ -54,6 +55,15 @@ pub struct RenderedRay {
     pub background_distance: f32,
 }
 
+/// What a survey wants to know of a ray; see [`RenderedRay`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Glance {
+    /// The visible object's share of the pixel.
+    pub matte: f32,
+    /// Distance along the ray to the background behind the object; 0 where there is none.
+    pub background_distance: f32,
+}
+
 /// What of a ray is marched.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Extent {
@@ -73,7 +83,7 @@ impl FrozenScene {
         rays.chunks(CHUNK)
             .flat_map(|chunk| {
                 let marched = self.march(chunk, &mut marcher, Extent::All);
-                let look = self.fields.look(&marched, &self.config, 1.0);
+                let look = self.fields.look(&marched, &self.config, 1.0, |_| true);
                 self.render_marched(&marched, &look)
             })
             .collect()
@@ -82,8 +92,7 @@ impl FrozenScene {
     /// The mattes of `rays` alone: no colours are computed, unless the matte depends on them.
     #[must_use]
     pub fn mattes(&self, rays: &[Ray]) -> Vec<f32> {
-        let model = &self.config.model;
-        if model.alpha != AlphaSource::Opacity || model.blend != Blend::Sample {
+        if self.mattes_need_colours() {
             return self.render(rays).iter().map(|ray| ray.matte).collect();
         }
         let mut marcher = BatchMarcher::default();
@@ -98,7 +107,7 @@ impl FrozenScene {
                 let rays: Vec<Ray> = hit.iter().map(|&ray| chunk[ray]).collect();
                 let marched = self.march(&rays, &mut marcher, Extent::Box);
                 let marched = before_the_object(&marched);
-                let look = self.fields.look(&marched, &self.config, 1.0);
+                let look = self.fields.look(&marched, &self.config, 1.0, |_| false);
                 let mut mattes = vec![0.0f32; chunk.len()];
                 for (&ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
                     mattes[hit[ray as usize]] += seen.weight;
@@ -106,6 +115,42 @@ impl FrozenScene {
                 mattes.into_iter().map(|matte| matte.clamp(0.0, 1.0))
             })
             .collect()
+    }
+
+    /// The matte of each ray and the distance to the background behind the object, as
+    /// [`FrozenScene::render`] gives them: no colours are computed, unless the matte depends on them.
+    #[must_use]
+    pub fn glances(&self, rays: &[Ray]) -> Vec<Glance> {
+        if self.mattes_need_colours() {
+            let glance = |ray: RenderedRay| Glance {
+                matte: ray.matte,
+                background_distance: ray.background_distance,
+            };
+            return self.render(rays).into_iter().map(glance).collect();
+        }
+        let mut marcher = BatchMarcher::default();
+        rays.chunks(CHUNK)
+            .flat_map(|chunk| {
+                let marched = self.march(chunk, &mut marcher, Extent::All);
+                let look = self.fields.look(&marched, &self.config, 1.0, |_| true);
+                let mut mattes = vec![0.0f32; chunk.len()];
+                for (&ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
+                    mattes[ray as usize] += seen.weight;
+                }
+                let depths = background_depths(&marched, &look);
+                let glance = |(matte, background_distance): (f32, f32)| Glance {
+                    matte: matte.clamp(0.0, 1.0),
+                    background_distance,
+                };
+                mattes.into_iter().zip(depths).map(glance)
+            })
+            .collect()
+    }
+
+    /// Whether a matte is more than how opaque the surface is.
+    fn mattes_need_colours(&self) -> bool {
+        let model = &self.config.model;
+        model.alpha != AlphaSource::Opacity || model.blend != Blend::Sample
     }
 
     /// Where half of each ray's light has come from: distances in the normalised frame, infinite where
@@ -116,7 +161,7 @@ impl FrozenScene {
         rays.chunks(CHUNK)
             .flat_map(|chunk| {
                 let marched = self.march(chunk, &mut marcher, Extent::Box);
-                let look = self.fields.look(&marched, &self.config, 1.0);
+                let look = self.fields.look(&marched, &self.config, 1.0, |_| false);
                 let mut weights = vec![0.0f32; chunk.len()];
                 let mut distances = vec![f32::INFINITY; chunk.len()];
                 let packing = &marched.packing;

@@ -3,9 +3,10 @@
 use glam::{Affine3A, Vec2, Vec3};
 use image::RgbImage;
 use neus_render::rays::Ray;
+use rayon::prelude::*;
 
 use super::rays::FrozenScene;
-use crate::prepare::Prepared;
+use crate::prepare::{Prepared, TrainView, outline};
 
 /// Pixels between the rays of the survey.
 const STRIDE: u32 = 4;
@@ -17,6 +18,10 @@ const HIDDEN: f32 = 0.2;
 /// it shows the same place: highlights move, but what looks quite different is something else.
 const COLOUR_TOLERANCE: f32 = 0.12;
 
+/// How far around a point's pixel the raster is drawn, in its cells: the neighbourhood that counts,
+/// and as much again for points between those that asked.
+const AROUND: usize = 3;
+
 /// One view's matte and background depth on a coarse raster.
 #[derive(Clone, Debug)]
 struct CoarseView {
@@ -24,8 +29,10 @@ struct CoarseView {
     width: usize,
     height: usize,
     matte: Vec<f32>,
-    /// Distance along the ray, normalised frame; 0 where nothing was met.
+    /// Distance along the ray, normalised frame; 0 where nothing was met or nobody looked.
     distance: Vec<f32>,
+    /// Whether a cell's ray has been drawn.
+    drawn: Vec<bool>,
 }
 
 /// What all views saw.
@@ -35,41 +42,37 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// Renders every view of `data` on a coarse raster.
+    /// Renders the coarse raster of every view of `data`: first where the object can be, to see what
+    /// lies behind it, then wherever a view might show that.
     #[must_use]
     pub fn new(scene: &FrozenScene, data: &Prepared, mut done: impl FnMut()) -> Self {
-        let views = data
+        let mut views: Vec<CoarseView> = data
             .views
             .iter()
-            .map(|view| {
-                let world_from_camera = view.world_from_camera(&data.frame);
-                let width = view.width().div_ceil(STRIDE) as usize;
-                let height = view.height().div_ceil(STRIDE) as usize;
-                let (mut rays, mut cells) = (Vec::new(), Vec::new());
-                for cell in 0..width * height {
-                    let (x, y) = ((cell % width) as f32 + 0.5, (cell / width) as f32 + 0.5);
-                    let pixel = Vec2::new(x, y) * STRIDE as f32;
-                    if let Some(ray) = view.ray(&world_from_camera, pixel) {
-                        rays.push(ray);
-                        cells.push(cell);
-                    }
-                }
-                let mut matte = vec![1.0; width * height];
-                let mut distance = vec![0.0; width * height];
-                for (cell, ray) in cells.into_iter().zip(scene.render(&rays)) {
-                    matte[cell] = ray.matte;
-                    distance[cell] = ray.background_distance;
-                }
-                done();
-                CoarseView {
-                    world_from_camera,
-                    width,
-                    height,
-                    matte,
-                    distance,
-                }
-            })
+            .map(|view| CoarseView::new(view, data))
             .collect();
+        let mut behind = Vec::new();
+        for (coarse, view) in views.iter_mut().zip(&data.views) {
+            let silhouette = outline::silhouette(view, &data.frame, &scene.map, STRIDE);
+            let threshold = (255.0 * scene.config.prepare.hull_threshold) as u8;
+            let likely = (0..coarse.cells()).filter(|&cell| silhouette.as_raw()[cell] >= threshold);
+            let cells = coarse.around(likely);
+            coarse.render(scene, view, &cells);
+            behind.extend(coarse.behind_the_object(view));
+        }
+        for (coarse, view) in views.iter_mut().zip(&data.views) {
+            let pixels: Vec<Vec2> = behind
+                .par_iter()
+                .filter_map(|point| {
+                    let world = data.frame.world_from_normalised(*point);
+                    view.project(world).map(|(pixel, _)| pixel)
+                })
+                .collect();
+            let seen = pixels.into_iter().map(|pixel| coarse.cell_of(pixel));
+            let cells = coarse.around(seen);
+            coarse.render(scene, view, &cells);
+            done();
+        }
         Self { views }
     }
 
@@ -108,9 +111,87 @@ fn agrees(photo: &RgbImage, pixel: Vec2, colour: Vec3) -> bool {
 }
 
 impl CoarseView {
-    fn shows(&self, point: Vec3, pixel: Vec2) -> bool {
+    /// Nothing drawn yet.
+    fn new(view: &TrainView, data: &Prepared) -> Self {
+        let width = view.width().div_ceil(STRIDE) as usize;
+        let height = view.height().div_ceil(STRIDE) as usize;
+        Self {
+            world_from_camera: view.world_from_camera(&data.frame),
+            width,
+            height,
+            matte: vec![1.0; width * height],
+            distance: vec![0.0; width * height],
+            drawn: vec![false; width * height],
+        }
+    }
+
+    fn cells(&self) -> usize {
+        self.width * self.height
+    }
+
+    fn cell_of(&self, pixel: Vec2) -> usize {
         let x = ((pixel.x / STRIDE as f32) as usize).min(self.width - 1);
         let y = ((pixel.y / STRIDE as f32) as usize).min(self.height - 1);
+        y * self.width + x
+    }
+
+    /// The ray through a cell's middle.
+    fn ray(&self, view: &TrainView, cell: usize) -> Option<Ray> {
+        let (x, y) = (cell % self.width, cell / self.width);
+        let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) * STRIDE as f32;
+        view.ray(&self.world_from_camera, pixel)
+    }
+
+    /// For each cell whether it lies within `reach` of one of `cells`, along both axes.
+    fn within(&self, cells: impl Iterator<Item = usize>, reach: usize) -> Vec<bool> {
+        let mut near = vec![false; self.cells()];
+        for cell in cells {
+            let (x, y) = (cell % self.width, cell / self.width);
+            for y in y.saturating_sub(reach)..(y + reach + 1).min(self.height) {
+                let row = y * self.width;
+                let end = (x + reach + 1).min(self.width);
+                near[row + x.saturating_sub(reach)..row + end].fill(true);
+            }
+        }
+        near
+    }
+
+    /// The cells around `cells` that are not drawn yet.
+    fn around(&self, cells: impl Iterator<Item = usize>) -> Vec<usize> {
+        let near = self.within(cells, AROUND);
+        (0..self.cells())
+            .filter(|&cell| near[cell] && !self.drawn[cell])
+            .collect()
+    }
+
+    fn render(&mut self, scene: &FrozenScene, view: &TrainView, cells: &[usize]) {
+        let (mut rays, mut at) = (Vec::new(), Vec::new());
+        for &cell in cells {
+            self.drawn[cell] = true;
+            if let Some(ray) = self.ray(view, cell) {
+                rays.push(ray);
+                at.push(cell);
+            }
+        }
+        for (cell, glance) in at.into_iter().zip(scene.glances(&rays)) {
+            self.matte[cell] = glance.matte;
+            self.distance[cell] = glance.background_distance;
+        }
+    }
+
+    /// What of the background lies behind the object and close by its outline.
+    fn behind_the_object(&self, view: &TrainView) -> Vec<Vec3> {
+        let object = (0..self.cells()).filter(|&i| self.drawn[i] && self.matte[i] > 0.0);
+        let near = self.within(object, 1);
+        (0..self.cells())
+            .filter(|&cell| near[cell] && self.distance[cell] > 0.0)
+            .filter_map(|cell| Some(self.ray(view, cell)?.at(self.distance[cell])))
+            .collect()
+    }
+
+    fn shows(&self, point: Vec3, pixel: Vec2) -> bool {
+        let cell = self.cell_of(pixel);
+        let (x, y) = (cell % self.width, cell / self.width);
         let away = point.distance(self.world_from_camera.translation.into());
         // The neighbourhood's median depth: single rays slip through a porous surface.
         let mut depths = Vec::with_capacity(9);

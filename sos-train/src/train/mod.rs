@@ -5,8 +5,10 @@ pub mod batch;
 pub mod blend;
 pub mod carve;
 pub mod checkpoint;
+pub mod clock;
 pub mod distortion;
 pub mod grids;
+mod rounds;
 pub mod run;
 pub mod sampler;
 pub mod schedule;
@@ -27,6 +29,8 @@ use crate::config::{AlphaSource, Blend, ProbabilitySource, TrainConfig, Transpar
 use crate::prepare::{Label, Prepared};
 use agreement::Agreement;
 use batch::{BatchMarcher, MarchedBatch, Partition};
+use clock::{Phase, StepClock};
+use distortion::Spread;
 use grids::{FieldGrids, GridRule};
 use sampler::{RayBatch, Sampler, step_random};
 use step::{StepContext, StepLosses, StepSchedule};
@@ -72,6 +76,7 @@ pub struct Trainer {
     /// Learning rates are multiplied by this: halved whenever a step had to be undone.
     rate_scale: f64,
     empty_batches: u32,
+    clock: StepClock,
 }
 
 /// What one step did.
@@ -157,24 +162,29 @@ impl Trainer {
         if self.step == schedule::carve_step(&config) && self.step > 0 {
             self.carve(data);
         }
+        self.clock.begin();
         if self.step.is_multiple_of(config.sampling.occupancy_every) {
             self.update_grids(schedule);
         }
+        self.clock.lap(Phase::Grids);
         let batch = self.sampler.draw(data, self.step, self.rays as usize);
+        self.clock.lap(Phase::Draw);
         let march = self.march_config();
         let (grids, partition) = space(&config, self.step, &self.grids, &self.map);
         let marched = self.marcher.march(&batch.rays, grids, &march, partition);
-        let look = self
-            .freeze_fields(schedule)
-            .look(&marched, &config, schedule.cos_anneal);
-        if config.model.probability == ProbabilitySource::Surface {
-            self.vote(data, &batch, &marched, &look);
-        }
-        self.compare_masks(&batch, &marched, &look);
+        self.clock.lap(Phase::March);
         // Where the background is asked for by itself, it has to be complete behind the object too.
         let model = &config.model;
         let both_alone = model.blend == Blend::Ray || model.alpha == AlphaSource::Head;
         let alone = |ray: usize| both_alone || batch.labels[ray] == Label::Background;
+        let look = self
+            .freeze_fields(schedule)
+            .look(&marched, &config, schedule.cos_anneal, alone);
+        self.clock.lap(Phase::Look);
+        if config.model.probability == ProbabilitySource::Surface {
+            self.vote(data, &batch, &marched, &look);
+        }
+        self.compare_masks(&batch, &marched, &look);
         let object_rows = look.object_reached();
         let drawn = match config.model.background {
             Transparency::Sdf => Representatives::all(
@@ -190,6 +200,19 @@ impl Trainer {
         let mut marched = marched.keep(&object_rows, &drawn.rows);
         marched.background.stretch = drawn.stretch;
         drop(look);
+        self.clock.lap(Phase::Choose);
+        self.learn(&batch, &marched, spread.as_ref(), schedule)
+    }
+
+    /// The second half of a step: learns from the samples of a batch, whoever chose them.
+    pub fn learn(
+        &mut self,
+        batch: &RayBatch,
+        marched: &MarchedBatch,
+        spread: Option<&Spread>,
+        schedule: StepSchedule,
+    ) -> StepReport {
+        self.clock.begin();
         let mut report = StepReport {
             rays: batch.rays.len(),
             object_samples: marched.object.len(),
@@ -207,12 +230,13 @@ impl Trainer {
             &self.context,
             &self.scene,
             &self.sharpness,
-            &batch,
-            &marched,
-            spread.as_ref(),
+            batch,
+            marched,
+            spread,
             &trust,
             schedule,
         );
+        self.clock.lap(Phase::Forward);
         self.step += 1;
         let Some((loss, losses)) = loss else {
             self.empty_batches += 1;
@@ -226,8 +250,15 @@ impl Trainer {
         report
     }
 
+    /// Where the time of all steps so far has gone.
+    #[must_use]
+    pub fn clock(&self) -> &StepClock {
+        &self.clock
+    }
+
     /// What the schedules say now.
-    fn schedule(&self) -> StepSchedule {
+    #[must_use]
+    pub fn schedule(&self) -> StepSchedule {
         let levels = self.context.object_layout.levels.len();
         schedule::at(self.config(), self.step, levels)
     }
@@ -306,6 +337,7 @@ impl Trainer {
         let fields = GradientsParams::from_module(&mut grads, &self.scene);
         let sharpness = GradientsParams::from_module(&mut grads, &self.sharpness);
         drop(grads);
+        self.clock.lap(Phase::Backward);
         let mlp = rate(config.schedule.learning_rate_mlp);
         let b = rate(config.schedule.sharpness_learning_rate);
         let table = rate(config.schedule.learning_rate);
@@ -327,6 +359,7 @@ impl Trainer {
         let cap = schedule::sharpness_cap(config, self.step, sharpest);
         // Nor may it fall far behind, which is fog: the background seen through the object.
         self.sharpness.limit(cap - SHARPNESS_SLACK, cap);
+        self.clock.lap(Phase::Networks);
         self.object_adam.step_grid(
             &mut self.scene.object.grid,
             &self.context.object_gradient,
@@ -337,6 +370,7 @@ impl Trainer {
             &self.context.background_gradient,
             table,
         );
+        self.clock.lap(Phase::Tables);
     }
 
     /// Moves the number of rays towards the sample budget (a tenth of the way each step).

@@ -98,7 +98,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         return Ok(outcome);
     }
     let trained = started.elapsed().as_secs_f64() + earlier_seconds;
-    if !export(job, &trainer, &data, &progress)? {
+    if !export(job, &trainer, &data, &progress, &mut log)? {
         // The last checkpoint has everything: a resumed run goes straight to the pictures.
         let step = trainer.step_number();
         return Ok(TrainOutcome::Interrupted { step });
@@ -211,12 +211,25 @@ fn train(
 }
 
 /// Writes all pictures and the mesh; `false` when it was interrupted.
-fn export(job: &TrainJob, trainer: &Trainer, data: &Prepared, progress: &Progress) -> Result<bool> {
+fn export(
+    job: &TrainJob,
+    trainer: &Trainer,
+    data: &Prepared,
+    progress: &Progress,
+    log: &mut TrainLog,
+) -> Result<bool> {
     let scene = trainer.freeze();
     preview::write(&job.run, &scene, data)?;
+    let mut begun = Instant::now();
+    let mut seconds = || {
+        let seconds = begun.elapsed().as_secs_f64();
+        begun = Instant::now();
+        seconds
+    };
     let stage = progress.stage("surveying the views", data.views.len());
     let survey = Survey::new(&scene, data, || stage.advance());
     drop(stage);
+    let survey_seconds = seconds();
     let stage = progress.stage("rendering mattes and plates", data.views.len());
     let indices: Vec<usize> = (0..data.views.len()).collect();
     for pair in indices.chunks(VIEWS_AT_ONCE) {
@@ -229,10 +242,20 @@ fn export(job: &TrainJob, trainer: &Trainer, data: &Prepared, progress: &Progres
         pair.iter().for_each(|_| stage.advance());
     }
     drop(stage);
+    let views_seconds = seconds();
     match mesh::extract(&scene, &data.frame, job.config.export.mesh_resolution) {
         Ok(mesh) => write_mesh(&job.run, &mesh)?,
         Err(error) => progress.note(&format!("no mesh.ply: {error}")),
     }
+    log.event(
+        trainer.step_number(),
+        "export",
+        [
+            ("survey_seconds", survey_seconds.into()),
+            ("views_seconds", views_seconds.into()),
+            ("mesh_seconds", seconds().into()),
+        ],
+    )?;
     Ok(true)
 }
 

@@ -8,6 +8,7 @@ use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 
 use super::agreement::Agreement;
 use super::batch::BatchMarcher;
+use super::clock::StepClock;
 use super::grids::FieldGrids;
 use super::sampler::Sampler;
 use super::step::StepContext;
@@ -135,6 +136,7 @@ impl Trainer {
             rays: config.sampling.rays as f32,
             rate_scale: 1.0,
             empty_batches: 0,
+            clock: StepClock::new(),
         })
     }
 }

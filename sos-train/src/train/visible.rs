@@ -3,14 +3,12 @@
 //! Most samples of a marched ray lie behind its first surface, where nothing they do can be seen.
 //! Their geometry alone tells, at a fraction of the price of a whole sample with its gradient.
 
-use glam::Vec3;
-use neus_render::composite::{
-    self, CompositeConfig, SampleVisibility, background_column, object_column, sample_visibility,
-};
+use neus_render::composite::{self, CompositeConfig, SampleVisibility};
 use rand::{Rng, RngExt};
 use scene_decomp::{FrozenSurface, Geometry};
 
-use super::batch::{FieldSamples, MarchedBatch};
+use super::batch::MarchedBatch;
+use super::rounds::{self, Rules};
 use super::step::density_of;
 use crate::config::{AlphaSource, TrainConfig, Transparency};
 
@@ -43,53 +41,30 @@ pub struct Look {
 }
 
 impl FrozenFields {
-    /// Looks at the geometry of all samples. The alpha head is not asked: samples count as if it
-    /// said 1, unless it is a factor of the opacity; then they all count as reached.
+    /// Looks at the geometry of all samples that light reaches: through both fields, or through the
+    /// background by itself on the rays where that is asked for `alone`. The others are as if they
+    /// were nothing that nobody sees.
+    ///
+    /// The alpha head is not asked: samples count as if it said 1, unless it is a factor of the
+    /// opacity; then they all count as reached.
     #[must_use]
-    pub fn look(&self, marched: &MarchedBatch, config: &TrainConfig, cos_anneal: f32) -> Look {
-        let object = self.object.geometry(&marched.object.points);
-        let background = self.background.geometry(&marched.background.points);
-        let matte = match config.model.alpha {
-            AlphaSource::Opacity | AlphaSource::Head => 1.0,
-            AlphaSource::Both => 0.0,
+    pub fn look(
+        &self,
+        marched: &MarchedBatch,
+        config: &TrainConfig,
+        cos_anneal: f32,
+        alone: impl Fn(usize) -> bool,
+    ) -> Look {
+        let rules = Rules {
+            transparency: config.model.background,
+            matte: match config.model.alpha {
+                AlphaSource::Opacity | AlphaSource::Head => 1.0,
+                AlphaSource::Both => 0.0,
+            },
+            sharpness: self.sharpness,
+            compositing: composite_config(config, cos_anneal),
         };
-        let slope = |geometry: &Geometry, at: &FieldSamples, i: usize| {
-            geometry
-                .normal(i)
-                .dot(Vec3::from_slice(&at.directions[3 * i..]))
-        };
-        let mut object_rows = vec![0.0; marched.object.len() * object_column::COUNT];
-        for (i, row) in object_rows
-            .chunks_exact_mut(object_column::COUNT)
-            .enumerate()
-        {
-            row[object_column::SDF] = object.sdf(i);
-            row[object_column::SLOPE] = slope(&object, &marched.object, i);
-            row[object_column::MATTE] = matte;
-        }
-        let mut background_rows = vec![0.0; marched.background.len() * background_column::COUNT];
-        for (i, row) in background_rows
-            .chunks_exact_mut(background_column::COUNT)
-            .enumerate()
-        {
-            row[background_column::SDF] = match config.model.background {
-                Transparency::Sdf => background.sdf(i),
-                Transparency::Density => density_of(background.sdf(i)),
-            };
-            row[background_column::SLOPE] = slope(&background, &marched.background, i);
-        }
-        let visibility = sample_visibility(
-            &object_rows,
-            &background_rows,
-            self.sharpness,
-            &marched.packing,
-            composite_config(config, cos_anneal),
-        );
-        Look {
-            object,
-            background,
-            visibility,
-        }
+        rounds::look(&self.object, &self.background, marched, rules, alone)
     }
 }
 
@@ -235,11 +210,12 @@ pub fn composite_config(config: &TrainConfig, cos_anneal: f32) -> CompositeConfi
 
 #[cfg(test)]
 mod tests {
-    use neus_render::composite::Packing;
+    use neus_render::composite::{Packing, sample_visibility};
     use rand::SeedableRng;
     use rand_pcg::Pcg64Mcg;
 
     use super::*;
+    use crate::train::batch::FieldSamples;
 
     /// Two rays of 20 samples: thin fog, then a wall; the raw value r stands for a density exp(-r).
     fn scene() -> (MarchedBatch, Look) {

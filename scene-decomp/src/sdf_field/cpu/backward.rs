@@ -3,7 +3,7 @@
 use hashgrid::{GridLayout, cpu as grid};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
-use tensor_slices::Scratch;
+use tensor_slices::{Scratch, Stopwatch};
 
 use super::forward::{Saved, Working, saved_rows};
 use super::weights::Weights;
@@ -15,6 +15,9 @@ use crate::tile::{POINTS, layer};
 
 /// Jobs that the tiles are dealt to; fixed, so that sums do not depend on the number of threads.
 const JOBS: usize = 16;
+
+/// Time spent in backward passes.
+pub static BACKWARD: Stopwatch = Stopwatch::new();
 
 /// Gradients of the op's weights, row-major as the weights are.
 pub(crate) struct Gradients {
@@ -33,6 +36,7 @@ fn scatter_rows(weights: &Weights) -> usize {
 
 /// Gradients for `grad [n, 1 + G + 3]`.
 pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> Gradients {
+    let _lap = BACKWARD.lap();
     let weights = &saved.weights;
     let columns = weights.columns();
     let tiles = saved.points.div_ceil(POINTS);

@@ -3,7 +3,7 @@
 use hashgrid::{GridLayout, cpu as grid};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
-use tensor_slices::Scratch;
+use tensor_slices::{Scratch, Stopwatch};
 
 use super::weights::Weights;
 use crate::sdf_field::{Normal, SdfFieldConfig};
@@ -16,6 +16,11 @@ pub(crate) enum Keep {
     Nothing,
     ForBackward,
 }
+
+/// Time spent in forward passes that no backward follows.
+pub static EVALUATION: Stopwatch = Stopwatch::new();
+/// Time spent in forward passes that a backward follows.
+pub static FORWARD: Stopwatch = Stopwatch::new();
 
 /// What backward needs: per tile the positions in the grid, the MLP's input and the Jacobian.
 #[derive(Debug)]
@@ -46,6 +51,10 @@ pub(crate) fn forward(
     config: &SdfFieldConfig,
     keep: Keep,
 ) -> (Vec<f32>, Option<Saved>) {
+    let _lap = match keep {
+        Keep::Nothing => EVALUATION.lap(),
+        Keep::ForBackward => FORWARD.lap(),
+    };
     let n = points.len() / 3;
     let table_len = table.len();
     let layout = &config.active_layout();

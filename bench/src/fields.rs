@@ -1,0 +1,268 @@
+//! The fused field ops against their rooflines.
+//!
+//! A kernel can be no faster than its arithmetic at the peak of the multiply-add units, nor than its
+//! memory traffic at full bandwidth; the larger of the two times over the time it took is the share
+//! reported. [`Cost`] counts what the mathematics asks for, not what a kernel happens to do.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::Result;
+use burn::Tensor;
+use burn::tensor::{Device, TensorData};
+use hashgrid::{GridConfig, GridLayout, SparseGrad};
+use scene_decomp::{InitialShape, Surface, SurfaceConfig, colour_field, sdf_field};
+use serde::Serialize;
+use tensor_slices::Stopwatch;
+
+use crate::peaks::Peaks;
+
+/// Points of a measurement: about those of a batch's share of one field.
+const POINTS: usize = 16_384;
+/// Calls before the measurement, and in it; their median counts.
+const WARM_UP: usize = 3;
+const CALLS: usize = 15;
+
+/// Work of one point.
+#[derive(Clone, Copy, Debug)]
+struct Cost {
+    /// Operations, a multiply-add counting two.
+    flops: f64,
+    bytes: f64,
+}
+
+/// One op in one direction.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct OpFigures {
+    pub(crate) name: &'static str,
+    pub(crate) one_core: bool,
+    pub(crate) points: usize,
+    pub(crate) ms: f64,
+    pub(crate) gflops: f64,
+    pub(crate) gbs: f64,
+    /// The time of its arithmetic at the peak.
+    pub(crate) arithmetic_ms: f64,
+    /// The time of its traffic at full bandwidth.
+    pub(crate) traffic_ms: f64,
+    /// The larger of the two over `ms`.
+    pub(crate) roofline_share: f64,
+}
+
+/// Sizes that the costs depend on.
+struct Sizes {
+    levels: f64,
+    hashed: f64,
+    inputs: f64,
+    hidden: f64,
+    outputs: f64,
+    colour_inputs: f64,
+    colours: f64,
+}
+
+/// Operations of softplus and its slope: exp 16, log 15, the rest 9.
+const SOFTPLUS: f64 = 40.0;
+/// Of a sigmoid.
+const SIGMOID: f64 = 20.0;
+/// Bytes of a value, and of a cache line.
+const VALUE: f64 = 4.0;
+const LINE: f64 = 64.0;
+
+impl Sizes {
+    /// Encoding with its derivative: positions within cells, and two features blended, each with
+    /// seven interpolations for the value and as much again for the gradient.
+    fn encoding(&self) -> f64 {
+        self.levels * (12.0 + 2.0 * 43.0)
+    }
+
+    /// The corners of a cell lie on four cache lines of a hashed level. Dense levels stay in cache.
+    fn table_bytes(&self) -> f64 {
+        self.hashed * 4.0 * LINE
+    }
+
+    fn forward(&self) -> Cost {
+        let Sizes {
+            inputs,
+            hidden,
+            outputs,
+            ..
+        } = *self;
+        let features = inputs - 3.0;
+        Cost {
+            flops: self.encoding()
+                // Hidden layer, output layer, and the hidden layer's way back for the normal.
+                + 2.0 * hidden * (inputs + outputs + inputs)
+                + hidden * (SOFTPLUS + 1.0)
+                // J^T g.
+                + 6.0 * features,
+            bytes: self.table_bytes() + VALUE * (3.0 + outputs + 3.0),
+        }
+    }
+
+    fn backward(&self) -> Cost {
+        let Sizes {
+            inputs,
+            hidden,
+            outputs,
+            ..
+        } = *self;
+        let features = inputs - 3.0;
+        let scatter = self.levels * (12.0 + 2.0 * 8.0 * 7.0);
+        Cost {
+            flops: scatter
+                // dg = J dn, its layer, and the three products for dL/dW1 and dL/dW2.
+                + 6.0 * features
+                + 2.0 * hidden * (inputs + inputs + inputs + outputs)
+                // Through the output layer and back to the features.
+                + 2.0 * hidden * (outputs + features)
+                + 10.0 * hidden,
+            // Lines are read and written.
+            bytes: 2.0 * self.table_bytes() + VALUE * (outputs + 3.0),
+        }
+    }
+
+    fn colour_layers(&self) -> f64 {
+        self.hidden * (self.colour_inputs + self.hidden + self.colours)
+    }
+
+    fn colour_forward(&self) -> Cost {
+        Cost {
+            flops: 2.0 * self.colour_layers() + 2.0 * self.hidden + SIGMOID * self.colours,
+            bytes: VALUE * (self.colour_inputs + self.colours),
+        }
+    }
+
+    fn colour_backward(&self) -> Cost {
+        Cost {
+            // Gradients of the weights, and of the inputs.
+            flops: 4.0 * self.colour_layers() + 2.0 * self.hidden + 3.0 * self.colours,
+            bytes: VALUE * (self.colour_inputs + self.outputs + 3.0 + self.colours),
+        }
+    }
+}
+
+/// Measures FoCoR's ops at the paper's sizes on one core and on all.
+pub(crate) fn measure(peaks: &Peaks, device: &Device) -> Result<Vec<OpFigures>> {
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let mut figures = one.install(|| ops(peaks, device, true));
+    figures.extend(ops(peaks, device, false));
+    Ok(figures)
+}
+
+fn ops(peaks: &Peaks, device: &Device, one_core: bool) -> Vec<OpFigures> {
+    let grid = GridConfig::default();
+    let config = SurfaceConfig {
+        grid: grid.clone(),
+        hidden: 64,
+        features: 12,
+        extra: 0,
+        outputs: 4,
+        half_side: 1.0,
+        beta: 100.0,
+        initial: InitialShape::Ball(0.5),
+    };
+    let device = device.clone().autodiff();
+    let layout = Arc::new(GridLayout::new(&grid));
+    let mut surface = Surface::new(&config, 1, &device);
+    surface.grid.table = surface.grid.table.set_require_grad(false);
+    let gradient = SparseGrad::new(&layout);
+    let levels = layout.levels.len();
+    let sizes = Sizes {
+        levels: levels as f64,
+        hashed: layout.levels.iter().filter(|l| l.hashed).count() as f64,
+        inputs: 3.0 + 2.0 * levels as f64,
+        hidden: 64.0,
+        outputs: 13.0,
+        colour_inputs: 22.0,
+        colours: 4.0,
+    };
+    let rows =
+        |values: Vec<f32>| Tensor::<2>::from_data(TensorData::new(values, [POINTS, 3]), &device);
+    let (points, directions) = ray_points();
+    let (points, directions) = (rows(points), rows(directions));
+    let cases: [(&str, &Stopwatch, Cost); 4] = [
+        ("sdf field forward", &sdf_field::FORWARD, sizes.forward()),
+        ("sdf field backward", &sdf_field::BACKWARD, sizes.backward()),
+        (
+            "colour field forward",
+            &colour_field::FORWARD,
+            sizes.colour_forward(),
+        ),
+        (
+            "colour field backward",
+            &colour_field::BACKWARD,
+            sizes.colour_backward(),
+        ),
+    ];
+    let mut times = vec![Vec::new(); cases.len()];
+    for call in 0..WARM_UP + CALLS {
+        let before = cases.map(|(_, stopwatch, _)| stopwatch.total());
+        let samples = surface.sample(
+            points.clone(),
+            directions.clone(),
+            Tensor::zeros([POINTS, 0], &device),
+            surface.sdf_config(&layout, levels, Some(gradient.clone())),
+        );
+        let _ = (samples.geometry.sum() + samples.colour.sum()).backward();
+        gradient.drain(|_, _| {});
+        if call >= WARM_UP {
+            for ((times, (_, stopwatch, _)), before) in times.iter_mut().zip(&cases).zip(before) {
+                times.push(stopwatch.total() - before);
+            }
+        }
+    }
+    let (gflops, gbs) = peaks.of(one_core);
+    cases
+        .into_iter()
+        .zip(times)
+        .map(|((name, _, cost), times)| figures(name, one_core, cost, times, gflops, gbs))
+        .collect()
+}
+
+fn figures(
+    name: &'static str,
+    one_core: bool,
+    cost: Cost,
+    mut times: Vec<Duration>,
+    gflops: f64,
+    gbs: f64,
+) -> OpFigures {
+    times.sort();
+    let seconds = times[times.len() / 2].as_secs_f64();
+    let (flops, bytes) = (cost.flops * POINTS as f64, cost.bytes * POINTS as f64);
+    let (arithmetic, traffic) = (flops / gflops * 1e-9, bytes / gbs * 1e-9);
+    OpFigures {
+        name,
+        one_core,
+        points: POINTS,
+        ms: seconds * 1e3,
+        gflops: flops / seconds * 1e-9,
+        gbs: bytes / seconds * 1e-9,
+        arithmetic_ms: arithmetic * 1e3,
+        traffic_ms: traffic * 1e3,
+        roofline_share: arithmetic.max(traffic) / seconds,
+    }
+}
+
+/// Points on rays through the box, 64 each, and the rays' directions.
+fn ray_points() -> (Vec<f32>, Vec<f32>) {
+    use glam::Vec3;
+    use rand::RngExt;
+    let mut random = sos_train::train::sampler::step_random(3, 0);
+    let (mut points, mut directions) = (Vec::new(), Vec::new());
+    for _ in 0..POINTS / 64 {
+        let mut face = |z: f32| {
+            Vec3::new(
+                random.random_range(-1.0..1.0),
+                random.random_range(-1.0..1.0),
+                z,
+            )
+        };
+        let (from, to) = (face(-1.0), face(1.0));
+        let direction = (to - from).normalize();
+        for k in 0..64 {
+            points.extend(from.lerp(to, (k as f32 + 0.5) / 64.0).to_array());
+            directions.extend(direction.to_array());
+        }
+    }
+    (points, directions)
+}

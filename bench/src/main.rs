@@ -1,0 +1,128 @@
+//! How fast training is, and how fast it could be: one run measures the machine's peaks, the fused
+//! ops against their rooflines, whole training steps with their phases, and PyTorch's step.
+//!
+//! - `peaks.rs`: arithmetic and memory at best;
+//! - `fields.rs`: the fused ops, and what they would take at those peaks;
+//! - `equal.rs`: a step at the paper's sizes, sample for sample that of PyTorch;
+//! - `steps.rs`: steps of the default preset as a run does them, on the demo scene;
+//! - `phases.rs`: where a step's time goes;
+//! - `torch.rs`, `torch_step.py`: the same step in PyTorch;
+//! - `report.rs`: all of it as a table or as JSON.
+
+mod equal;
+mod fields;
+mod peaks;
+mod phases;
+mod report;
+mod scene;
+mod steps;
+mod torch;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::Parser;
+use sos_train::train::setup;
+
+use equal::Sizes;
+use report::{Comparison, Report};
+
+// As in `sos`.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+/// Measures training against this machine's peaks and against PyTorch.
+#[derive(Debug, Parser)]
+#[command(name = "cargo xtask bench")]
+struct Options {
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+    /// Compare with the same step in PyTorch, where python3 has torch.
+    #[arg(long)]
+    against_torch: bool,
+    /// The Python to ask.
+    #[arg(long, default_value = "python3", value_name = "PROGRAM")]
+    python: PathBuf,
+    /// Where to compute: auto, cpu, ndarray or flex.
+    #[arg(long, default_value = "cpu", value_name = "NAME")]
+    device: String,
+    /// Measured steps at the paper's sizes.
+    #[arg(long, default_value_t = 8, value_name = "N")]
+    steps: usize,
+    /// Steps of the default preset; 0 leaves them out.
+    #[arg(long, default_value_t = 400, value_name = "N")]
+    default_steps: u32,
+}
+
+/// Rays of a step at the paper's sizes, and samples on each.
+const RAYS: usize = 1024;
+const SAMPLES: usize = 64;
+/// Ours and PyTorch's step are measured in turn, so often.
+const ROUNDS: usize = 2;
+
+fn main() -> ExitCode {
+    match run(&Options::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn run(options: &Options) -> Result<()> {
+    let threads = rayon::current_num_threads();
+    let device = setup::device(&options.device)?;
+    let say = |what: &str| eprintln!("measuring {what} …");
+    say("the machine's peaks");
+    let peaks = peaks::Peaks::measure(threads);
+    say("the fused ops");
+    let ops = fields::measure(&peaks, &device)?;
+    let sizes = Sizes {
+        rays: RAYS,
+        samples: SAMPLES,
+        steps: options.steps,
+    };
+    let python = options.against_torch.then_some(options.python.as_path());
+    let python = python.filter(|python| {
+        let found = torch::is_installed(python);
+        if !found {
+            eprintln!(
+                "{} has no torch, so there is no comparison; `pip install torch` makes one",
+                python.display()
+            );
+        }
+        found
+    });
+    let mut ours = Vec::new();
+    let mut comparisons = Vec::new();
+    for _ in 0..if python.is_some() { ROUNDS } else { 1 } {
+        say("a step at the paper's sizes");
+        let figures = equal::measure(sizes, &options.device)?;
+        if let Some(python) = python {
+            say("PyTorch's step");
+            let torch = torch::measure(python, sizes, threads)?;
+            comparisons.push(Comparison {
+                ratio: figures.trained_samples_per_s / torch.samples_per_s,
+                ours_samples_per_s: figures.trained_samples_per_s,
+                torch,
+            });
+        }
+        ours.push(figures);
+    }
+    let default_preset = if options.default_steps > 0 {
+        say("steps of the default preset");
+        Some(steps::measure(options.default_steps, &options.device)?)
+    } else {
+        None
+    };
+    let report = Report::new(threads, peaks, ops, ours, comparisons, default_preset);
+    if options.json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        println!("{report}");
+    }
+    Ok(())
+}

@@ -1,0 +1,145 @@
+//! What this machine can do at best, measured now: arithmetic and memory.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use pulp::{Arch, Simd, WithSimd};
+use serde::Serialize;
+
+/// Fused multiply-adds in flight at once: enough for two units of four cycles latency.
+const CHAINS: usize = 16;
+/// Rounds of one measurement; some milliseconds.
+const ROUNDS: usize = 200_000;
+/// Values of each array of the memory measurement: 64 MiB, more than a core's own caches.
+const VALUES: usize = 16 << 20;
+/// The best of so many measurements counts: what disturbs a measurement makes it slower.
+const ATTEMPTS: usize = 5;
+
+/// Peaks of one core and of all that are in use.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct Peaks {
+    /// Single precision, a fused multiply-add counting two, in 10^9 operations a second.
+    pub(crate) gflops_one_core: f64,
+    /// The same on all cores at once.
+    pub(crate) gflops: f64,
+    /// Copying, bytes read and written, in 10^9 a second.
+    pub(crate) copy_gbs_one_core: f64,
+    /// The same on all cores at once.
+    pub(crate) copy_gbs: f64,
+    /// `a = b + s c`, bytes read and written, in 10^9 a second.
+    pub(crate) triad_gbs_one_core: f64,
+    /// The same on all cores at once.
+    pub(crate) triad_gbs: f64,
+}
+
+impl Peaks {
+    /// Measures one core, then `threads` at once.
+    pub(crate) fn measure(threads: usize) -> Self {
+        let memory = Memory::new();
+        let [copy_gbs_one_core, triad_gbs_one_core] = memory.best(1);
+        let [copy_gbs, triad_gbs] = memory.best(threads);
+        Self {
+            gflops_one_core: gflops(1),
+            gflops: gflops(threads),
+            copy_gbs_one_core,
+            copy_gbs,
+            triad_gbs_one_core,
+            triad_gbs,
+        }
+    }
+
+    /// Arithmetic and memory (the better of copy and triad) of one core or of all.
+    pub(crate) fn of(&self, one_core: bool) -> (f64, f64) {
+        if one_core {
+            let memory = self.copy_gbs_one_core.max(self.triad_gbs_one_core);
+            (self.gflops_one_core, memory)
+        } else {
+            (self.gflops, self.copy_gbs.max(self.triad_gbs))
+        }
+    }
+}
+
+/// Chains of multiply-adds that stay in registers.
+struct MultiplyAdd;
+
+impl WithSimd for MultiplyAdd {
+    type Output = f64;
+
+    /// Returns the number of operations.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        let factor = simd.splat_f32s(black_box(0.999_999));
+        let summand = simd.splat_f32s(black_box(1e-6));
+        let mut chains = [simd.splat_f32s(1.0); CHAINS];
+        for _ in 0..ROUNDS {
+            for chain in &mut chains {
+                *chain = simd.mul_add_f32s(*chain, factor, summand);
+            }
+        }
+        for chain in chains {
+            black_box(simd.reduce_sum_f32s(chain));
+        }
+        (2 * CHAINS * ROUNDS * S::F32_LANES) as f64
+    }
+}
+
+fn gflops(threads: usize) -> f64 {
+    best_of(|| {
+        let begun = Instant::now();
+        let operations: f64 = std::thread::scope(|scope| {
+            let workers: Vec<_> = (0..threads)
+                .map(|_| scope.spawn(|| Arch::new().dispatch(MultiplyAdd)))
+                .collect();
+            workers.into_iter().filter_map(|w| w.join().ok()).sum()
+        });
+        operations / begun.elapsed().as_secs_f64() * 1e-9
+    })
+}
+
+struct Memory {
+    from: Vec<f32>,
+    other: Vec<f32>,
+}
+
+impl Memory {
+    fn new() -> Self {
+        Self {
+            from: vec![1.0; VALUES],
+            other: vec![2.0; VALUES],
+        }
+    }
+
+    /// GB/s of copy and triad on so many cores.
+    fn best(&self, threads: usize) -> [f64; 2] {
+        let mut to = vec![0.0f32; VALUES];
+        let part = VALUES.div_ceil(threads);
+        let mut run = |arrays: usize, work: fn(&mut [f32], &[f32], &[f32])| {
+            best_of(|| {
+                let begun = Instant::now();
+                std::thread::scope(|scope| {
+                    let parts = to
+                        .chunks_mut(part)
+                        .zip(self.from.chunks(part))
+                        .zip(self.other.chunks(part));
+                    for ((to, from), other) in parts {
+                        scope.spawn(move || work(to, from, other));
+                    }
+                });
+                let bytes = arrays * VALUES * size_of::<f32>();
+                bytes as f64 / begun.elapsed().as_secs_f64() * 1e-9
+            })
+        };
+        let copy = run(2, |to, from, _| to.copy_from_slice(from));
+        let triad = run(3, |to, from, other| {
+            for ((to, from), other) in to.iter_mut().zip(from).zip(other) {
+                *to = from + 0.5 * other;
+            }
+        });
+        black_box(&to);
+        [copy, triad]
+    }
+}
+
+fn best_of(mut measure: impl FnMut() -> f64) -> f64 {
+    (0..ATTEMPTS).map(|_| measure()).fold(0.0, f64::max)
+}
