@@ -7,15 +7,13 @@
 use rayon::prelude::*;
 
 use super::{
-    CompositeConfig, Packing, background_column, column, object_column,
+    CompositeConfig, LEAST_SURVIVAL, Packing, background_column, column, object_column,
     opacity::{Kernel, Opacity},
 };
 use crate::alpha::NeusParameters;
 
 /// Rays that one task handles.
 const CHUNK: usize = 32;
-/// Least divisor in the derivative of the log-transmittance with respect to a matte value.
-const LEAST_SURVIVAL: f32 = 1e-4;
 
 /// A batch as slices; see [`composite`](super::composite) for the shapes.
 #[derive(Clone, Copy)]
