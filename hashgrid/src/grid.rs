@@ -9,7 +9,7 @@ use burn::tensor::{Device, TensorData};
 use crate::config::GridConfig;
 use crate::encode::{encode, encode_with_jacobian};
 use crate::layout::{FEATURES, GridLayout};
-use crate::update::update_in_place;
+use crate::update::{OnHost, TableUpdate, update_in_place};
 
 /// Half the width of the interval that entries start in (Müller et al. 2022, section 4).
 const INITIAL: f32 = 1e-4;
@@ -64,11 +64,19 @@ impl HashGrid {
         encode_with_jacobian(points, self.table.val(), &self.layout, active_levels)
     }
 
-    /// Changes the table's values `[entries, 2]`, in place when nobody else holds the tensor.
-    ///
-    /// # Panics
-    /// When the grid is not on one of the CPU backends.
+    /// Changes the table's values `[entries, 2]`: on a CPU backend in place when nobody else holds
+    /// the tensor; from other devices they travel to the host and back.
     pub fn update_table(&mut self, update: impl FnOnce(&mut [f32])) {
+        let mut update = Some(update);
+        self.update_table_by(&mut OnHost(|values: &mut [f32]| {
+            if let Some(update) = update.take() {
+                update(values);
+            }
+        }));
+    }
+
+    /// Has `update` change the table where it is.
+    pub(crate) fn update_table_by(&mut self, update: &mut dyn TableUpdate) {
         // A parameter lends its tensor only as a clone, which would make the memory shared.
         let placeholder = Tensor::zeros([1, FEATURES], &self.table.val().device());
         let placeholder = Param::initialized(ParamId::new(), placeholder);

@@ -7,7 +7,8 @@
 //!
 //! - [`encode()`] gives features, [`encode_with_jacobian`] also their derivatives by the position:
 //!   what a normal of an implicit surface is made of. Each is one op with a hand-written backward
-//!   for Burn's CPU backends, NdArray and Flex; [`mod@reference`] has the same in plain tensor ops.
+//!   for Burn's CPU backends, NdArray and Flex, and with a GPU feature for CubeCL's;
+//!   [`mod@reference`] has the same in plain tensor ops.
 //! - [`HashGrid`] is the table as a module; [`GridConfig`] says how it is built, [`GridLayout`]
 //!   where its entries lie.
 //! - [`cpu`] has the kernels over slices, for ops that fuse the encoding with what follows.
@@ -39,6 +40,8 @@
 //! ```
 
 pub mod cpu;
+#[cfg(feature = "cube")]
+pub mod cube;
 
 mod config;
 mod encode;

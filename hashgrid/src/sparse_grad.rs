@@ -29,6 +29,9 @@ pub struct SparseGrad {
 pub(crate) struct Buffer {
     pub(crate) values: Vec<f32>,
     pub(crate) touched: Vec<u8>,
+    /// What kernels of a device have added, `[entries, 2]`.
+    #[cfg(feature = "cube")]
+    device: Option<gpu_tensors::CubeTensor>,
 }
 
 impl SparseGrad {
@@ -39,6 +42,8 @@ impl SparseGrad {
         let buffer = Buffer {
             values: vec![0.0; entries * FEATURES],
             touched: vec![0; entries / BLOCK_ENTRIES],
+            #[cfg(feature = "cube")]
+            device: None,
         };
         Self {
             shared: Arc::new(Mutex::new(buffer)),
@@ -93,7 +98,9 @@ impl SparseGrad {
             "SparseGrad::accumulate_levels: entries of the layout"
         );
         let mut buffer = self.lock();
-        let Buffer { values, touched } = &mut *buffer;
+        let Buffer {
+            values, touched, ..
+        } = &mut *buffer;
         let (mut values, mut touched) = (values.as_mut_slice(), touched.as_mut_slice());
         let mut levels = Vec::with_capacity(active);
         for level in &layout.levels[..active] {
@@ -123,7 +130,9 @@ impl SparseGrad {
     /// [`SparseGrad::for_each_touched`], and zeroes what it visits: the gradient is then at rest.
     pub fn drain(&self, mut visit: impl FnMut(usize, &[f32])) {
         let mut buffer = self.lock();
-        let Buffer { values, touched } = &mut *buffer;
+        let Buffer {
+            values, touched, ..
+        } = &mut *buffer;
         let blocks = values
             .chunks_exact_mut(BLOCK_VALUES)
             .zip(touched)
@@ -153,9 +162,76 @@ impl SparseGrad {
         self.lock().values.clone()
     }
 
+    /// The host's memory, with everything in it that devices have added.
     pub(crate) fn lock(&self) -> MutexGuard<'_, Buffer> {
+        #[allow(unused_mut)]
+        let mut buffer = self.lock_as_is();
+        #[cfg(feature = "cube")]
+        buffer.bring_home();
+        buffer
+    }
+
+    fn lock_as_is(&self) -> MutexGuard<'_, Buffer> {
         // A panic while the lock was held leaves numbers behind that are wrong, but valid.
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// On a device the gradient is dense: kernels add to it with atomics, and
+/// [`LazyAdam`](crate::LazyAdam) zeroes what it uses up.
+#[cfg(feature = "cube")]
+impl SparseGrad {
+    /// Hands the gradient `[entries, 2]` on the device of `like` to `add`, which may change it.
+    ///
+    /// What lies on the host or on another device goes there first.
+    pub fn accumulate_on_device<R>(
+        &self,
+        like: &gpu_tensors::CubeTensor,
+        add: impl FnOnce(&gpu_tensors::CubeTensor) -> R,
+    ) -> R {
+        let mut buffer = self.lock_as_is();
+        let shape = [self.entries, FEATURES];
+        if buffer
+            .device
+            .as_ref()
+            .is_some_and(|d| d.device != like.device)
+        {
+            buffer.bring_home();
+        }
+        let gradient = match buffer.device.take() {
+            Some(gradient) => gradient,
+            None if buffer.touched.contains(&1) => {
+                let gradient = gpu_tensors::from_slice(like, &buffer.values, shape);
+                buffer.values.fill(0.0);
+                buffer.touched.fill(0);
+                gradient
+            }
+            None => gpu_tensors::zeros(like, shape),
+        };
+        let out = add(&gradient);
+        buffer.device = Some(gradient);
+        out
+    }
+}
+
+#[cfg(feature = "cube")]
+impl Buffer {
+    /// Adds what a device holds to the host's values.
+    fn bring_home(&mut self) {
+        let Some(device) = self.device.take() else {
+            return;
+        };
+        let added = gpu_tensors::read(&device);
+        let blocks = self.values.chunks_exact_mut(BLOCK_VALUES);
+        let blocks = blocks.zip(added.chunks_exact(BLOCK_VALUES));
+        for ((values, added), touched) in blocks.zip(&mut self.touched) {
+            if added.iter().any(|value| *value != 0.0) {
+                *touched = 1;
+                for (value, added) in values.iter_mut().zip(added) {
+                    *value += added;
+                }
+            }
+        }
     }
 }
 

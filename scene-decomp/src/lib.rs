@@ -10,14 +10,16 @@
 //! | [`sdf_field`] | signed distance, feature and normal, with the derivative of the normal |
 //! | [`colour_field`] | the colour network on top of it |
 //!
-//! Each op has a reference in plain tensor operations and one slice kernel that serves NdArray and
-//! Flex. Shapes: `n` points, `L` grid levels, `G` geometry features.
+//! Each op has a reference in plain tensor operations, one slice kernel that serves NdArray and
+//! Flex, and with the feature `wgpu` (or another runtime's) kernels for GPUs. Shapes: `n` points, `L` grid levels, `G` geometry features.
 
 pub mod colour_field;
 pub mod directions;
 pub mod probability;
 pub mod sdf_field;
 
+#[cfg(feature = "cube")]
+mod cube;
 mod dense;
 mod evaluate;
 mod model;

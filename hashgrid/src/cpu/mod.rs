@@ -23,6 +23,8 @@ mod scatter;
 mod tiers;
 mod tile;
 
+#[cfg(feature = "cube")]
+pub(crate) use cells::check_level;
 pub(crate) use cells::{LANES, PRIMES};
 pub use scatter::{NormalPart, scatter_level, scatter_level_marked};
 pub(crate) use scatter::{Slopes, scatter};

@@ -19,6 +19,8 @@
 mod adapters;
 mod autodiff;
 mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 pub mod reference;
 
 use std::sync::Arc;
@@ -38,7 +40,7 @@ pub struct EncodeConfig {
 }
 
 /// The ops, as backends supply them. Users call [`encode()`] and [`encode_with_jacobian`].
-#[backend_extension(NdArray, Flex, Autodiff)]
+#[backend_extension(NdArray, Flex, Cube: cfg(feature = "cube"), Autodiff)]
 pub trait EncodeOps: Backend {
     /// See [`encode()`]: `[n, 2 L]`.
     fn hash_encode(

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use tensor_slices::Stopwatch;
 
 use super::{
-    CompositeConfig, Packing, background_column, column, object_column,
+    CompositeConfig, LEAST_SURVIVAL, Packing, background_column, column, object_column,
     opacity::{Kernel, Opacity},
     visibility::Light,
 };
@@ -16,8 +16,6 @@ use crate::alpha::NeusParameters;
 
 /// Rays that one task handles.
 pub(super) const CHUNK: usize = 32;
-/// Least divisor in the derivative of the log-transmittance with respect to a matte value.
-const LEAST_SURVIVAL: f32 = 1e-4;
 
 /// A batch as slices; see [`composite`](super::composite) for the shapes.
 #[derive(Clone, Copy)]

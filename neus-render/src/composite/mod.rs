@@ -26,6 +26,8 @@
 mod adapters;
 mod autodiff;
 mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 mod opacity;
 mod packing;
 mod reference;
@@ -43,6 +45,9 @@ pub use cpu::{BACKWARD, FORWARD};
 pub use packing::Packing;
 pub use reference::composite_reference;
 pub use visibility::{Light, SampleVisibility, Visibility, sample_visibility, visibility_from};
+
+/// Least divisor in the derivative of the log-transmittance with respect to a matte value.
+const LEAST_SURVIVAL: f32 = 1e-4;
 
 /// Columns of the object's samples.
 pub mod object_column {
@@ -135,7 +140,7 @@ impl Default for CompositeConfig {
 }
 
 /// The op on a backend's tensors; use [`composite`].
-#[backend_extension(NdArray, Flex, Autodiff)]
+#[backend_extension(NdArray, Flex, Cube: cfg(feature = "cube"), Autodiff)]
 pub trait CompositeOps: Backend {
     /// See [`composite`]: object `[m_f, 6]`, background `[m_b, 5]`, sharpness `[2]` to `[rays, 16]`.
     fn composite(

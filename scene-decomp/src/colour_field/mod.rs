@@ -15,6 +15,8 @@
 mod adapters;
 mod autodiff;
 mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 pub mod reference;
 
 pub use cpu::{BACKWARD, EVALUATION, FORWARD};
@@ -53,7 +55,7 @@ pub struct ColourFieldInputs {
 }
 
 /// `colour field`, as backends supply it.
-#[backend_extension(NdArray, Flex, Autodiff)]
+#[backend_extension(NdArray, Flex, Cube: cfg(feature = "cube"), Autodiff)]
 pub trait ColourFieldOps: Backend {
     /// See [`colour_field`].
     #[allow(clippy::too_many_arguments)] // the macro routes tensors as plain arguments

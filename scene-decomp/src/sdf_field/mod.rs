@@ -19,6 +19,8 @@
 mod adapters;
 mod autodiff;
 mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 pub mod reference;
 
 use std::sync::Arc;
@@ -82,7 +84,7 @@ pub struct SdfFieldWeights {
 }
 
 /// `sdf field`, as backends supply it.
-#[backend_extension(NdArray, Flex, Autodiff)]
+#[backend_extension(NdArray, Flex, Cube: cfg(feature = "cube"), Autodiff)]
 pub trait SdfFieldOps: Backend {
     /// See [`sdf_field`].
     fn sdf_field(

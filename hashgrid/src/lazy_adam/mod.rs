@@ -1,5 +1,8 @@
 //! Adam for a table of which a step touches a part.
 
+#[cfg(feature = "cube")]
+mod cube;
+
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -7,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::grid::HashGrid;
 use crate::layout::{BLOCK_ENTRIES, FEATURES, GridLayout};
 use crate::sparse_grad::{BLOCK_VALUES, Buffer, SparseGrad};
+use crate::update::TableUpdate;
 
 /// A block's first moments, then its second ones: two cache lines next to each other.
 const STATE: usize = 2 * BLOCK_VALUES;
@@ -57,10 +61,13 @@ impl Default for LazyAdamConfig {
 pub struct LazyAdam {
     config: LazyAdamConfig,
     steps: u32,
-    /// `[blocks, 2, 16]`.
+    blocks: usize,
+    /// `[blocks, 2, 16]`; empty while they are on a device.
     moments: Vec<f32>,
-    /// The step of each block's last visit.
+    /// The step of each block's last visit; empty while they are on a device.
     visited: Vec<u32>,
+    #[cfg(feature = "cube")]
+    device: Option<cube::DeviceMoments>,
 }
 
 /// Why an optimiser's state can't be restored.
@@ -98,8 +105,11 @@ impl LazyAdam {
         Self {
             config,
             steps: 0,
+            blocks,
             moments: vec![0.0; blocks * STATE],
             visited: vec![0; blocks],
+            #[cfg(feature = "cube")]
+            device: None,
         }
     }
 
@@ -116,21 +126,15 @@ impl LazyAdam {
     /// # Panics
     /// When the table or the gradient is of another size than the optimiser's.
     pub fn step(&mut self, table: &mut [f32], gradient: &SparseGrad, learning_rate: f64) {
-        let values = self.visited.len() * BLOCK_VALUES;
-        assert_eq!(
-            table.len(),
-            values,
-            "LazyAdam::step: number of the table's values"
-        );
-        assert_eq!(
-            gradient.entries() * FEATURES,
-            values,
-            "LazyAdam::step: number of the gradient's values"
-        );
+        self.check(table.len(), gradient);
+        #[cfg(feature = "cube")]
+        self.bring_home();
         self.steps += 1;
         let rule = Rule::new(&self.config, self.steps, learning_rate);
         let mut buffer = gradient.lock();
-        let Buffer { values, touched } = &mut *buffer;
+        let Buffer {
+            values, touched, ..
+        } = &mut *buffer;
         table
             .par_chunks_mut(TASK_BLOCKS * BLOCK_VALUES)
             .zip(values.par_chunks_mut(TASK_BLOCKS * BLOCK_VALUES))
@@ -150,20 +154,45 @@ impl LazyAdam {
             });
     }
 
-    /// [`LazyAdam::step`] on a grid's own table, in place when nobody else holds that tensor.
+    /// [`LazyAdam::step`] on a grid's own table, where it is, and in place when nobody else holds
+    /// that tensor.
     ///
     /// # Panics
-    /// As [`LazyAdam::step`], and when the grid's device is not one of the CPU backends.
+    /// As [`LazyAdam::step`].
     pub fn step_grid(&mut self, grid: &mut HashGrid, gradient: &SparseGrad, learning_rate: f64) {
-        grid.update_table(|table| self.step(table, gradient, learning_rate));
+        grid.update_table_by(&mut Step {
+            adam: self,
+            gradient,
+            learning_rate,
+        });
+    }
+
+    fn check(&self, table: usize, gradient: &SparseGrad) {
+        let values = self.blocks * BLOCK_VALUES;
+        assert_eq!(
+            table, values,
+            "LazyAdam::step: number of the table's values"
+        );
+        assert_eq!(
+            gradient.entries() * FEATURES,
+            values,
+            "LazyAdam::step: number of the gradient's values"
+        );
+    }
+
+    /// The host's state, wherever it is now.
+    #[cfg(not(feature = "cube"))]
+    fn host_state(&self) -> (&[f32], &[u32]) {
+        (&self.moments, &self.visited)
     }
 
     /// First and second moments as of now, each `[entries, 2]`, with all decay applied.
     #[must_use]
     pub fn moments(&self) -> [Vec<f32>; 2] {
         let LazyAdamConfig { beta1, beta2, .. } = self.config;
+        let (moments, visited) = self.host_state();
         [(beta1, 0), (beta2, BLOCK_VALUES)].map(|(beta, first)| {
-            let blocks = self.moments.chunks_exact(STATE).zip(&self.visited);
+            let blocks = moments.chunks_exact(STATE).zip(visited.iter());
             blocks
                 .flat_map(|(state, visited)| {
                     let decay = power(beta, self.steps - visited);
@@ -179,12 +208,10 @@ impl LazyAdam {
     /// all blocks' moments (16 first, 16 second ones), then the step of each block's last visit.
     #[must_use]
     pub fn state(&self) -> Vec<f32> {
+        let (moments, visited) = self.host_state();
         // Whole numbers are exact in an f32 up to 2^24 steps.
-        self.moments
-            .iter()
-            .copied()
-            .chain(self.visited.iter().map(|step| *step as f32))
-            .collect()
+        let steps = visited.iter().map(|step| *step as f32);
+        moments.iter().copied().chain(steps).collect()
     }
 
     /// Goes back to what [`LazyAdam::state`] and [`LazyAdam::steps`] returned.
@@ -192,14 +219,14 @@ impl LazyAdam {
     /// # Errors
     /// When this is not the state of a table of this size after this many steps.
     pub fn restore(&mut self, state: &[f32], steps: u32) -> Result<(), RestoreError> {
-        let expected = self.moments.len() + self.visited.len();
+        let expected = self.blocks * (STATE + 1);
         if state.len() != expected {
             return Err(RestoreError::Length {
                 found: state.len(),
                 expected,
             });
         }
-        let (moments, visited) = state.split_at(self.moments.len());
+        let (moments, visited) = state.split_at(self.blocks * STATE);
         let wrong = |step: &&f32| !(**step >= 0.0 && **step <= steps as f32 && step.fract() == 0.0);
         if let Some(step) = visited.iter().find(wrong) {
             return Err(RestoreError::Step {
@@ -207,10 +234,39 @@ impl LazyAdam {
                 steps,
             });
         }
-        self.moments.copy_from_slice(moments);
+        self.moments = moments.to_vec();
         self.visited = visited.iter().map(|step| *step as u32).collect();
         self.steps = steps;
+        #[cfg(feature = "cube")]
+        {
+            self.device = None;
+        }
         Ok(())
+    }
+}
+
+/// A step on a grid's table, wherever it is.
+struct Step<'a> {
+    adam: &'a mut LazyAdam,
+    gradient: &'a SparseGrad,
+    learning_rate: f64,
+}
+
+impl TableUpdate for Step<'_> {
+    fn on_slice(&mut self, table: &mut [f32]) {
+        self.adam.step(table, self.gradient, self.learning_rate);
+    }
+
+    #[cfg(feature = "cube")]
+    fn on_device(&mut self, table: gpu_tensors::CubeTensor) -> gpu_tensors::CubeTensor {
+        self.adam
+            .check(table.meta.shape().num_elements(), self.gradient);
+        let table = gpu_tensors::own(table);
+        self.gradient.accumulate_on_device(&table, |gradient| {
+            self.adam
+                .step_on_device(&table, gradient, self.learning_rate);
+        });
+        table
     }
 }
 

@@ -1,0 +1,135 @@
+//! What wgpu finds on this machine, with the limits that kernels meet.
+
+use std::fmt;
+
+use burn::tensor::{Device, DeviceKind};
+use burn_cubecl::cubecl::future::block_on;
+use burn_cubecl::cubecl::wgpu::wgpu;
+
+/// What sort of device computes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AdapterKind {
+    /// A graphics card with memory of its own.
+    Discrete,
+    /// A graphics unit that shares the processor's memory.
+    Integrated,
+    /// A part of a graphics card, handed to a virtual machine.
+    Virtual,
+    /// The processor, posing as a GPU: Mesa's lavapipe, Microsoft's WARP.
+    Software,
+    /// The driver does not say.
+    Other,
+}
+
+impl fmt::Display for AdapterKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Discrete => "discrete GPU",
+            Self::Integrated => "integrated GPU",
+            Self::Virtual => "virtual GPU",
+            Self::Software => "software renderer",
+            Self::Other => "other",
+        })
+    }
+}
+
+/// An adapter and its limits.
+#[derive(Clone, Debug)]
+pub struct Adapter {
+    /// The device's name, from its driver.
+    pub name: String,
+    /// The driver and its version.
+    pub driver: String,
+    /// The graphics API it is reached through.
+    pub api: String,
+    /// What sort of device it is.
+    pub kind: AdapterKind,
+    /// Its number among the adapters of its kind.
+    pub index: usize,
+    /// Bytes that a kernel can bind as one buffer: no tensor may be larger.
+    pub largest_binding: u64,
+    /// Bytes of a workgroup's shared memory.
+    pub shared_memory: u32,
+    /// Threads of a workgroup.
+    pub workgroup_units: u32,
+    /// Buffers that a kernel can bind at once.
+    pub bindings: u32,
+    /// Whether it adds `f32` atomically by itself.
+    pub float_atomics: bool,
+}
+
+impl Adapter {
+    /// Burn's device on this adapter; `None` where Burn has no way to name it.
+    #[must_use]
+    pub fn device(&self) -> Option<Device> {
+        let kind = match self.kind {
+            AdapterKind::Discrete => DeviceKind::DiscreteGpu(self.index),
+            AdapterKind::Integrated => DeviceKind::IntegratedGpu(self.index),
+            AdapterKind::Virtual => DeviceKind::VirtualGpu(self.index),
+            // Burn's name for software takes the first.
+            AdapterKind::Software if self.index == 0 => DeviceKind::Cpu,
+            AdapterKind::Software | AdapterKind::Other => return None,
+        };
+        Some(Device::wgpu(kind))
+    }
+
+    /// Whether this is hardware.
+    #[must_use]
+    pub fn is_gpu(&self) -> bool {
+        matches!(
+            self.kind,
+            AdapterKind::Discrete | AdapterKind::Integrated | AdapterKind::Virtual
+        )
+    }
+}
+
+/// All adapters of this platform's graphics API (Vulkan, Metal or DirectX 12), the likely fastest
+/// kind first.
+#[must_use]
+pub fn adapters() -> Vec<Adapter> {
+    let backends = if cfg!(target_vendor = "apple") {
+        wgpu::Backends::METAL
+    } else if cfg!(windows) {
+        wgpu::Backends::DX12
+    } else {
+        wgpu::Backends::VULKAN
+    };
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+        backends,
+        ..wgpu::InstanceDescriptor::new_without_display_handle()
+    });
+    let mut found: Vec<Adapter> = Vec::new();
+    for adapter in block_on(instance.enumerate_adapters(backends)) {
+        let (info, limits) = (adapter.get_info(), adapter.limits());
+        let kind = match info.device_type {
+            wgpu::DeviceType::DiscreteGpu => AdapterKind::Discrete,
+            wgpu::DeviceType::IntegratedGpu => AdapterKind::Integrated,
+            wgpu::DeviceType::VirtualGpu => AdapterKind::Virtual,
+            wgpu::DeviceType::Cpu => AdapterKind::Software,
+            wgpu::DeviceType::Other => AdapterKind::Other,
+        };
+        found.push(Adapter {
+            name: info.name,
+            driver: format!("{} {}", info.driver, info.driver_info),
+            api: info.backend.to_string(),
+            kind,
+            index: found.iter().filter(|other| other.kind == kind).count(),
+            largest_binding: limits.max_storage_buffer_binding_size,
+            shared_memory: limits.max_compute_workgroup_storage_size,
+            workgroup_units: limits.max_compute_invocations_per_workgroup,
+            bindings: limits.max_storage_buffers_per_shader_stage,
+            float_atomics: adapter
+                .features()
+                .contains(wgpu::Features::SHADER_FLOAT32_ATOMIC),
+        });
+    }
+    let rank = |kind| match kind {
+        AdapterKind::Discrete => 0,
+        AdapterKind::Virtual => 1,
+        AdapterKind::Integrated => 2,
+        AdapterKind::Other => 3,
+        AdapterKind::Software => 4,
+    };
+    found.sort_by_key(|adapter| rank(adapter.kind));
+    found
+}

@@ -1,0 +1,61 @@
+//! Sums of `f32` that many threads add to.
+
+// What the macros generate has no documentation of its own.
+#![allow(missing_docs)]
+
+use burn_cubecl::cubecl;
+use burn_cubecl::cubecl::client::Client;
+use burn_cubecl::cubecl::ir::Type;
+use burn_cubecl::cubecl::ir::features::AtomicUsage;
+use cubecl::prelude::*;
+
+/// How a thread adds to a sum of `f32` that others add to as well.
+#[cube]
+pub trait AtomicSum: 'static + Send + Sync {
+    /// What the sum's memory is bound as.
+    type Word: Numeric;
+
+    /// Adds `value`.
+    fn add(sum: &Atomic<Self::Word>, value: f32);
+}
+
+/// By the device's own instruction.
+pub struct NativeSum;
+
+#[cube]
+impl AtomicSum for NativeSum {
+    type Word = f32;
+
+    fn add(sum: &Atomic<f32>, value: f32) {
+        sum.fetch_add(value);
+    }
+}
+
+/// By compare and swap of the sum's bits, where the device lacks the instruction.
+pub struct CompareAndSwap;
+
+#[cube]
+impl AtomicSum for CompareAndSwap {
+    type Word = u32;
+
+    fn add(sum: &Atomic<u32>, value: f32) {
+        let mut expected = sum.load();
+        let mut done = false;
+        while !done {
+            let next = u32::reinterpret(f32::reinterpret(expected) + value);
+            let found = sum.compare_exchange_weak(expected, next);
+            done = found == expected;
+            expected = found;
+        }
+    }
+}
+
+/// Whether the device adds `f32` atomically by itself.
+#[must_use]
+pub fn has_native_sum(client: &Client) -> bool {
+    let word = Type::atomic(f32::elem_type_native());
+    client
+        .properties()
+        .atomic_type_usage(word)
+        .contains(AtomicUsage::Add)
+}

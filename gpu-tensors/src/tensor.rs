@@ -1,0 +1,145 @@
+//! Tensors in and out of kernels.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use burn::tensor::DType;
+use burn_cubecl::cubecl::ir::{ElemType, FloatKind};
+use burn_cubecl::cubecl::prelude::{BufferArg, CubeCount, CubeDim, CubeElement, InputScalar};
+use burn_cubecl::cubecl::{calculate_cube_count_elemwise, client::Client};
+use burn_cubecl::kernel::into_contiguous;
+use burn_cubecl::ops::numeric;
+use burn_cubecl::tensor::CubeTensor;
+
+/// Threads of a workgroup: two or four planes on today's GPUs, within every device's limits.
+pub const UNITS: u32 = 64;
+
+/// Whether [`fresh`] memory is filled with NaN.
+static POISON: AtomicBool = AtomicBool::new(false);
+
+/// Has [`fresh`] fill its memory with NaN from now on, in the whole process: a kernel that leaves
+/// a part of its output unwritten then shows. For tests.
+pub fn poison_fresh_memory(on: bool) {
+    POISON.store(on, Ordering::Relaxed);
+}
+
+/// The tensor with its values in row-major order; copied only when they are not.
+///
+/// # Panics
+/// When the tensor is not of type `f32`: the ops of this workspace are single precision.
+#[must_use]
+pub fn contiguous(tensor: CubeTensor) -> CubeTensor {
+    assert_eq!(
+        tensor.dtype,
+        DType::F32,
+        "gpu-tensors: expected an f32 tensor"
+    );
+    into_contiguous(tensor)
+}
+
+/// A row-major tensor of arbitrary content where `like` is.
+#[must_use]
+pub fn fresh<const D: usize>(like: &CubeTensor, shape: [usize; D]) -> CubeTensor {
+    if POISON.load(Ordering::Relaxed) {
+        return filled(like, shape, f32::NAN);
+    }
+    numeric::empty_device_contiguous_dtype(
+        like.client.clone(),
+        like.device.clone(),
+        shape.into(),
+        DType::F32,
+    )
+}
+
+/// A row-major tensor of zeros where `like` is.
+#[must_use]
+pub fn zeros<const D: usize>(like: &CubeTensor, shape: [usize; D]) -> CubeTensor {
+    filled(like, shape, 0.0)
+}
+
+fn filled<const D: usize>(like: &CubeTensor, shape: [usize; D], value: f32) -> CubeTensor {
+    numeric::full_device_dtype(
+        like.client.clone(),
+        shape.into(),
+        like.device.clone(),
+        InputScalar::new(value, ElemType::Float(FloatKind::F32)),
+        DType::F32,
+    )
+}
+
+/// The tensor in row-major memory that nobody else holds, to be changed in place; copied only when
+/// it has to be.
+#[must_use]
+pub fn own(tensor: CubeTensor) -> CubeTensor {
+    let tensor = contiguous(tensor);
+    if tensor.can_mut() {
+        tensor
+    } else {
+        tensor.copy()
+    }
+}
+
+/// A row-major tensor of the host's values where `like` is.
+///
+/// # Panics
+/// When the shape's product is not the number of values.
+#[must_use]
+pub fn from_slice<const D: usize>(
+    like: &CubeTensor,
+    values: &[f32],
+    shape: [usize; D],
+) -> CubeTensor {
+    let expected: usize = shape.iter().product();
+    assert_eq!(
+        values.len(),
+        expected,
+        "gpu-tensors: {} values do not fill the shape {shape:?}",
+        values.len()
+    );
+    CubeTensor::new_contiguous(
+        like.client.clone(),
+        like.device.clone(),
+        shape.into(),
+        like.client.create_from_slice(f32::as_bytes(values)),
+        DType::F32,
+    )
+}
+
+/// The sum of two tensors of one shape.
+#[must_use]
+pub fn add(a: CubeTensor, b: CubeTensor) -> CubeTensor {
+    numeric::add(a, b)
+}
+
+/// The tensor's values on the host, row-major: waits for everything that makes them.
+#[must_use]
+pub fn read(tensor: &CubeTensor) -> Vec<f32> {
+    let tensor = contiguous(tensor.clone());
+    let count = tensor.meta.shape().num_elements();
+    let bytes = tensor.client.read_one_unchecked(tensor.handle.clone());
+    f32::from_bytes(&bytes)[..count].to_vec()
+}
+
+/// A row-major tensor's memory as a kernel's argument.
+#[must_use]
+pub fn buffer(tensor: &CubeTensor) -> BufferArg {
+    tensor.clone().into_buffer_arg()
+}
+
+/// Numbers from the host as a kernel's argument; at least one is always there to bind.
+#[must_use]
+pub fn upload<T: CubeElement + Default>(client: &Client, values: &[T]) -> BufferArg {
+    let one = [T::default()];
+    let values = if values.is_empty() { &one } else { values };
+    let handle = client.create_from_slice(T::as_bytes(values));
+    // SAFETY: the handle was made for exactly these values.
+    unsafe { BufferArg::from_raw_parts(handle, values.len()) }
+}
+
+/// Workgroups of [`UNITS`] threads with at least one thread for each of `items`, spread over the
+/// grid's axes where one axis is too short. Threads from `items` on have nothing to do; `items` of
+/// zero must not be launched.
+#[must_use]
+pub fn units_for(client: &Client, items: usize) -> (CubeCount, CubeDim) {
+    let dim = CubeDim::new_1d(UNITS);
+    (calculate_cube_count_elemwise(client, items, dim), dim)
+}

@@ -1,0 +1,293 @@
+//! The kernels on the GPU: one thread per point and level, or per point for the points' gradient.
+
+use burn::backend::{Cube, TensorMetadata, tensor::FloatTensor};
+use gpu_tensors::{
+    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, buffer, contiguous, cubecl, fresh,
+    has_native_sum, units_for, upload, zeros,
+};
+
+use super::backward::EncodeBackward;
+use super::{EncodeConfig, EncodeOps};
+use crate::cube::{Blend, blend, is_smooth, level_words, locate, scatter};
+use crate::layout::FEATURES;
+use cubecl::prelude::*;
+
+/// Numbers per feature of [`EncodeOps::hash_encode_with_jacobian`].
+const WITH_JACOBIAN: usize = 4;
+
+impl EncodeOps for Cube {
+    fn hash_encode(
+        points: FloatTensor<Self>,
+        table: FloatTensor<Self>,
+        config: EncodeConfig,
+    ) -> FloatTensor<Self> {
+        let n = points.shape()[0];
+        let features = config.layout.features();
+        let out = fresh(&points, [n, features]);
+        forward(points, table, &config, &out, 1);
+        out
+    }
+
+    fn hash_encode_with_jacobian(
+        points: FloatTensor<Self>,
+        table: FloatTensor<Self>,
+        config: EncodeConfig,
+    ) -> FloatTensor<Self> {
+        let n = points.shape()[0];
+        let features = config.layout.features();
+        let out = fresh(&points, [n, features, WITH_JACOBIAN]);
+        forward(points, table, &config, &out, WITH_JACOBIAN);
+        out
+    }
+}
+
+impl EncodeBackward for Cube {
+    fn hash_encode_table_gradient(
+        points: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        config: &EncodeConfig,
+    ) -> FloatTensor<Self> {
+        let width = if grad.rank() == 2 { 1 } else { WITH_JACOBIAN };
+        let out = zeros(&points, [config.layout.entries(), FEATURES]);
+        if has_native_sum(&points.client) {
+            table_gradient::<NativeSum>(points, grad, config, &out, width);
+        } else {
+            table_gradient::<CompareAndSwap>(points, grad, config, &out, width);
+        }
+        out
+    }
+
+    fn hash_encode_points_gradient(
+        points: FloatTensor<Self>,
+        table: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        config: &EncodeConfig,
+    ) -> FloatTensor<Self> {
+        let n = points.shape()[0];
+        let out = fresh(&points, [n, 3]);
+        if n == 0 {
+            return out;
+        }
+        let client = &out.client;
+        let (count, dim) = units_for(client, n);
+        // SAFETY: threads beyond the points return at once; `level_words` has checked the levels.
+        unsafe {
+            points_kernel::launch_unchecked(
+                client,
+                count,
+                dim,
+                buffer(&contiguous(points)),
+                buffer(&contiguous(table)),
+                upload(client, &level_words(&config.layout)),
+                buffer(&contiguous(grad)),
+                buffer(&out),
+                n as u32,
+                config.active_levels as u32,
+                config.layout.levels.len(),
+                is_smooth(&config.layout),
+            );
+        }
+        out
+    }
+}
+
+fn forward(
+    points: CubeTensor,
+    table: CubeTensor,
+    config: &EncodeConfig,
+    out: &CubeTensor,
+    width: usize,
+) {
+    let n = points.shape()[0];
+    if n == 0 {
+        return;
+    }
+    let client = &out.client;
+    let levels = config.layout.levels.len();
+    let (count, dim) = units_for(client, n * levels);
+    // SAFETY: threads beyond the points return at once; `level_words` has checked the levels.
+    unsafe {
+        forward_kernel::launch_unchecked(
+            client,
+            count,
+            dim,
+            buffer(&contiguous(points)),
+            buffer(&contiguous(table)),
+            upload(client, &level_words(&config.layout)),
+            buffer(out),
+            n as u32,
+            config.active_levels as u32,
+            levels,
+            width,
+            is_smooth(&config.layout),
+        );
+    }
+}
+
+fn table_gradient<A: AtomicSum>(
+    points: CubeTensor,
+    grad: CubeTensor,
+    config: &EncodeConfig,
+    out: &CubeTensor,
+    width: usize,
+) {
+    let n = points.shape()[0];
+    if n == 0 || config.active_levels == 0 {
+        return;
+    }
+    let client = &out.client;
+    let (count, dim) = units_for(client, n * config.active_levels);
+    // SAFETY: threads beyond the points return at once; `level_words` has checked the levels.
+    unsafe {
+        table_kernel::launch_unchecked::<A>(
+            client,
+            count,
+            dim,
+            buffer(&contiguous(points)),
+            upload(client, &level_words(&config.layout)),
+            buffer(&contiguous(grad)),
+            buffer(out),
+            n as u32,
+            config.active_levels as u32,
+            config.layout.levels.len(),
+            width,
+            is_smooth(&config.layout),
+        );
+    }
+}
+
+/// Thread `i` encodes point `i % n` on level `i / n`: neighbours share a level's part of the table.
+#[cube(launch_unchecked)]
+fn forward_kernel(
+    points: &[f32],
+    table: &[f32],
+    levels: &[u32],
+    out: &mut [f32],
+    n: u32,
+    active: u32,
+    #[comptime] level_count: usize,
+    #[comptime] width: usize,
+    #[comptime] smooth: bool,
+) {
+    let n = n as usize;
+    let (point, level) = (ABSOLUTE_POS % n, ABSOLUTE_POS / n);
+    if level < level_count {
+        let at = (point * level_count + level) * 2 * width;
+        if level < active as usize {
+            let p = point * 3;
+            let cell = locate(
+                points[p],
+                points[p + 1],
+                points[p + 2],
+                levels,
+                level,
+                smooth,
+            );
+            let both = blend(&cell, table);
+            out[at] = both.value0;
+            out[at + width] = both.value1;
+            if comptime!(width > 1) {
+                out[at + 1] = both.x0;
+                out[at + 2] = both.y0;
+                out[at + 3] = both.z0;
+                out[at + width + 1] = both.x1;
+                out[at + width + 2] = both.y1;
+                out[at + width + 3] = both.z1;
+            }
+        } else {
+            #[unroll]
+            for i in 0..comptime!(2 * width) {
+                out[at + i] = 0.0f32;
+            }
+        }
+    }
+}
+
+/// Thread `i` adds what point `i % n` gives to the entries of level `i / n`.
+#[cube(launch_unchecked)]
+fn table_kernel<A: AtomicSum>(
+    points: &[f32],
+    levels: &[u32],
+    grad: &[f32],
+    table: &[Atomic<A::Word>],
+    n: u32,
+    active: u32,
+    #[comptime] level_count: usize,
+    #[comptime] width: usize,
+    #[comptime] smooth: bool,
+) {
+    let n = n as usize;
+    let (point, level) = (ABSOLUTE_POS % n, ABSOLUTE_POS / n);
+    if level < active as usize {
+        let p = point * 3;
+        let cell = locate(
+            points[p],
+            points[p + 1],
+            points[p + 2],
+            levels,
+            level,
+            smooth,
+        );
+        let at = (point * level_count + level) * 2 * width;
+        let mut d = Blend {
+            value0: grad[at],
+            value1: grad[at + width],
+            x0: 0.0f32,
+            y0: 0.0f32,
+            z0: 0.0f32,
+            x1: 0.0f32,
+            y1: 0.0f32,
+            z1: 0.0f32,
+        };
+        if comptime!(width > 1) {
+            d.x0 = grad[at + 1];
+            d.y0 = grad[at + 2];
+            d.z0 = grad[at + 3];
+            d.x1 = grad[at + width + 1];
+            d.y1 = grad[at + width + 2];
+            d.z1 = grad[at + width + 3];
+        }
+        scatter::<A>(table, &cell, &d);
+    }
+}
+
+/// One thread per point: `Jᵀ grad` over all levels.
+#[cube(launch_unchecked)]
+fn points_kernel(
+    points: &[f32],
+    table: &[f32],
+    levels: &[u32],
+    grad: &[f32],
+    out: &mut [f32],
+    n: u32,
+    active: u32,
+    #[comptime] level_count: usize,
+    #[comptime] smooth: bool,
+) {
+    let point = ABSOLUTE_POS;
+    if point < n as usize {
+        let p = point * 3;
+        let mut dx = 0.0f32;
+        let mut dy = 0.0f32;
+        let mut dz = 0.0f32;
+        for level in 0..active as usize {
+            let cell = locate(
+                points[p],
+                points[p + 1],
+                points[p + 2],
+                levels,
+                level,
+                smooth,
+            );
+            let both = blend(&cell, table);
+            let at = (point * level_count + level) * 2;
+            let (g0, g1) = (grad[at], grad[at + 1]);
+            dx += g0 * both.x0 + g1 * both.x1;
+            dy += g0 * both.y0 + g1 * both.y1;
+            dz += g0 * both.z0 + g1 * both.z1;
+        }
+        out[p] = dx;
+        out[p + 1] = dy;
+        out[p + 2] = dz;
+    }
+}

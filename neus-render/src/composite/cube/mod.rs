@@ -1,0 +1,217 @@
+//! The op on the GPU: one thread per ray, front to back, and for gradients back to front again.
+
+mod backward;
+mod forward;
+mod opacity;
+
+use std::sync::Arc;
+
+use burn::backend::{Cube, tensor::FloatTensor};
+use gpu_tensors::{CubeTensor, buffer, column_sums, contiguous, cubecl, fresh, units_for, upload};
+
+use super::{
+    CompositeConfig, CompositeOps, Packing, Transparency,
+    autodiff::{CompositeBackwardOps, CompositeGradients},
+    background_column, column, object_column,
+};
+use cubecl::prelude::*;
+use opacity::{Kind, Parameters};
+
+/// Transmittances kept for each interval on the way back: joint, and of each field alone.
+const KEPT: usize = 3;
+
+impl CompositeOps for Cube {
+    fn composite(
+        object: FloatTensor<Self>,
+        background: FloatTensor<Self>,
+        sharpness: FloatTensor<Self>,
+        packing: Arc<Packing>,
+        config: CompositeConfig,
+    ) -> FloatTensor<Self> {
+        let out = fresh(&sharpness, [packing.ray_count(), column::COUNT]);
+        if packing.ray_count() == 0 {
+            return out;
+        }
+        let client = &out.client;
+        let (count, dim) = units_for(client, packing.ray_count());
+        let batch = Batch::new(&packing, config);
+        // SAFETY: threads beyond the rays return at once, and a packing is checked when made.
+        unsafe {
+            forward::forward_kernel::launch_unchecked(
+                client,
+                count,
+                dim,
+                rows(object),
+                rows(background),
+                buffer(&contiguous(sharpness)),
+                upload(client, &batch.index),
+                upload(client, &batch.times),
+                buffer(&out),
+                batch.starts(),
+                config.cos_anneal,
+                config.epsilon.ln(),
+                batch.kinds,
+            );
+        }
+        out
+    }
+}
+
+impl CompositeBackwardOps for Cube {
+    fn composite_backward(
+        inputs: [FloatTensor<Self>; 3],
+        grad: FloatTensor<Self>,
+        packing: Arc<Packing>,
+        config: CompositeConfig,
+    ) -> CompositeGradients<Self> {
+        let [object, background, sharpness] = inputs;
+        let rays = packing.ray_count();
+        let d_object = fresh(&sharpness, [packing.object().len(), object_column::COUNT]);
+        let d_background = fresh(
+            &sharpness,
+            [packing.background().len(), background_column::COUNT],
+        );
+        let d_sharpness = fresh(&sharpness, [rays, 2]);
+        let kept = fresh(&sharpness, [packing.interval_count().max(1), KEPT]);
+        if rays > 0 {
+            let client = &kept.client;
+            let (count, dim) = units_for(client, rays);
+            let batch = Batch::new(&packing, config);
+            // SAFETY: as in the forward pass.
+            unsafe {
+                backward::backward_kernel::launch_unchecked(
+                    client,
+                    count,
+                    dim,
+                    rows(object),
+                    rows(background),
+                    buffer(&contiguous(sharpness)),
+                    upload(client, &batch.index),
+                    upload(client, &batch.times),
+                    buffer(&contiguous(grad)),
+                    buffer(&kept),
+                    rows(d_object.clone()),
+                    rows(d_background.clone()),
+                    buffer(&d_sharpness),
+                    batch.starts(),
+                    config.cos_anneal,
+                    config.epsilon.ln(),
+                    batch.kinds,
+                );
+            }
+        }
+        CompositeGradients {
+            object: d_object,
+            background: d_background,
+            sharpness: column_sums(&d_sharpness, 0, 2),
+        }
+    }
+}
+
+/// A field's rows as a kernel's argument: there must be something to bind.
+fn rows(tensor: CubeTensor) -> BufferArg {
+    if tensor.meta.shape()[0] == 0 {
+        upload(&tensor.client, &[0.0f32])
+    } else {
+        buffer(&contiguous(tensor))
+    }
+}
+
+/// Both fields' kinds, the kernels' constants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Kinds {
+    object: Kind,
+    background: Kind,
+}
+
+/// A packing as the kernels read it.
+struct Batch {
+    /// Ray offsets, the object's and the background's offsets, then their rows' intervals.
+    index: Vec<u32>,
+    /// Midpoint and length of each interval.
+    times: Vec<f32>,
+    rays: u32,
+    objects: u32,
+    kinds: Kinds,
+}
+
+impl Batch {
+    fn new(packing: &Packing, config: CompositeConfig) -> Self {
+        let kind = |transparency| Kind {
+            density: transparency == Transparency::Density,
+            epsilon: config.epsilon != 0.0,
+        };
+        Self {
+            index: [
+                packing.ray_offsets(),
+                packing.object_offsets(),
+                packing.background_offsets(),
+                packing.object(),
+                packing.background(),
+            ]
+            .concat(),
+            times: packing
+                .t()
+                .iter()
+                .zip(packing.dt())
+                .flat_map(|(t, dt)| [*t, *dt])
+                .collect(),
+            rays: packing.ray_count() as u32,
+            objects: packing.object().len() as u32,
+            kinds: Kinds {
+                object: kind(config.object),
+                background: kind(config.background),
+            },
+        }
+    }
+
+    fn starts(&self) -> StartsLaunch {
+        StartsLaunch::new(self.rays, self.objects)
+    }
+}
+
+/// What a kernel needs to find its way in [`Batch::index`].
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+struct Starts {
+    rays: u32,
+    objects: u32,
+}
+
+/// A ray's intervals and rows.
+#[derive(CubeType, Clone, Copy)]
+struct Ray {
+    first: usize,
+    end: usize,
+    object: usize,
+    object_end: usize,
+    background: usize,
+    background_end: usize,
+    /// Where the rows' intervals begin in the index, for either field.
+    object_index: usize,
+    background_index: usize,
+}
+
+#[cube]
+fn ray_at(index: &[u32], starts: &Starts, ray: usize) -> Ray {
+    let offsets = starts.rays as usize + 1;
+    Ray {
+        first: index[ray] as usize,
+        end: index[ray + 1] as usize,
+        object: index[offsets + ray] as usize,
+        object_end: index[offsets + ray + 1] as usize,
+        background: index[2 * offsets + ray] as usize,
+        background_end: index[2 * offsets + ray + 1] as usize,
+        object_index: 3 * offsets,
+        background_index: 3 * offsets + starts.objects as usize,
+    }
+}
+
+/// Both fields' parameters.
+#[cube]
+fn parameters(sharpness: &[f32], field: usize, cos_anneal: f32, log_epsilon: f32) -> Parameters {
+    Parameters {
+        sharpness: sharpness[field],
+        cos_anneal,
+        log_epsilon,
+    }
+}
