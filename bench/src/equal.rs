@@ -11,7 +11,7 @@ use neus_render::composite::Packing;
 use neus_render::rays::Ray;
 use rand::{Rng, RngExt};
 use sos_train::config::{Preset, TrainConfig};
-use sos_train::prepare::Label;
+use sos_train::prepare::{Label, Vote};
 use sos_train::train::Trainer;
 use sos_train::train::batch::{FieldSamples, MarchedBatch};
 use sos_train::train::sampler::{RayBatch, step_random};
@@ -54,6 +54,7 @@ pub(crate) fn measure(sizes: Sizes, device: &str) -> Result<StepFigures> {
             cos_anneal: 1.0,
             view_share: 1.0,
             mask_weight: config.loss.mask,
+            far_weight: 0.0,
         };
         let report = trainer.learn(&batch, &marched, None, schedule);
         anyhow::ensure!(report.is_finite(), "a loss of step {number} is no number");
@@ -88,7 +89,10 @@ fn ray_batch(count: usize, random: &mut impl Rng) -> RayBatch {
         } else {
             Label::Background
         });
-        batch.votes.push(Some(inside));
+        batch.votes.push(Some(Vote {
+            object: inside,
+            weight: 1.0,
+        }));
     }
     batch
 }

@@ -8,8 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Result;
-use burn::Tensor;
-use burn::tensor::{Device, TensorData};
+use burn::tensor::Device;
 use hashgrid::{GridConfig, GridLayout, SparseGrad};
 use scene_decomp::{InitialShape, Surface, SurfaceConfig, colour_field, sdf_field};
 use serde::Serialize;
@@ -155,6 +154,7 @@ fn ops(peaks: &Peaks, device: &Device, one_core: bool) -> Vec<OpFigures> {
         hidden: 64,
         features: 12,
         extra: 0,
+        direction_degree: 1,
         outputs: 4,
         half_side: 1.0,
         beta: 100.0,
@@ -175,10 +175,7 @@ fn ops(peaks: &Peaks, device: &Device, one_core: bool) -> Vec<OpFigures> {
         colour_inputs: 22.0,
         colours: 4.0,
     };
-    let rows =
-        |values: Vec<f32>| Tensor::<2>::from_data(TensorData::new(values, [POINTS, 3]), &device);
     let (points, directions) = ray_points();
-    let (points, directions) = (rows(points), rows(directions));
     let cases: [(&str, &Stopwatch, Cost); 4] = [
         ("sdf field forward", &sdf_field::FORWARD, sizes.forward()),
         ("sdf field backward", &sdf_field::BACKWARD, sizes.backward()),
@@ -197,9 +194,9 @@ fn ops(peaks: &Peaks, device: &Device, one_core: bool) -> Vec<OpFigures> {
     for call in 0..WARM_UP + CALLS {
         let before = cases.map(|(_, stopwatch, _)| stopwatch.total());
         let samples = surface.sample(
-            points.clone(),
-            directions.clone(),
-            Tensor::zeros([POINTS, 0], &device),
+            &points,
+            &directions,
+            &[],
             surface.sdf_config(&layout, levels, Some(gradient.clone())),
         );
         let _ = (samples.geometry.sum() + samples.colour.sum()).backward();

@@ -44,6 +44,7 @@ impl Case {
             hidden: 64,
             features: 12,
             extra: 0,
+            direction_degree: 1,
             outputs: 4,
             half_side: 1.0,
             beta: 100.0,

@@ -11,7 +11,13 @@ use io_colmap::{MaskSet, Scene};
 use rayon::prelude::*;
 use std::fs;
 
-/// Writes, for every view, the largest share of masks that agree on a point of each pixel's ray.
+/// Share of masks at which the matte is 0.5, and the span over which it rises from 0 to 1. Nearly all
+/// must agree: a hull of half of them is fat.
+const MIDDLE: f32 = 0.85;
+const SOFTNESS: f32 = 0.2;
+
+/// Writes mattes of what all masks agree on: the largest share of them that takes a point of the
+/// pixel's ray for the object's, as a soft step.
 ///
 /// Masks that contradict the others are left out, as in training.
 pub(super) fn write(args: &HullArgs) -> anyhow::Result<()> {
@@ -42,7 +48,12 @@ pub(super) fn write(args: &HullArgs) -> anyhow::Result<()> {
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(|e| failed("create", folder, e))?;
         }
-        let hull = outline::silhouette(view, &data.frame, &data.map, 1);
+        let mut hull = outline::silhouette(view, &data.frame, &data.map, 1);
+        for pixel in hull.pixels_mut() {
+            let share = f32::from(pixel.0[0]) / 255.0;
+            let matte = ((share - MIDDLE) / SOFTNESS + 0.5).clamp(0.0, 1.0);
+            pixel.0[0] = (255.0 * matte).round() as u8;
+        }
         let written = hull.save(&path).map_err(std::io::Error::other);
         written.map_err(|e| failed("write", &path, e))
     })?;

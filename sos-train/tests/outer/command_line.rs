@@ -282,11 +282,15 @@ fn the_visual_hull_is_written_and_compared() {
         let line = table.lines().find(|line| line.starts_with(name)).unwrap();
         line.split_whitespace().nth(1).unwrap().parse().unwrap()
     };
-    // Two of six views have no mask, but the others' hull covers them.
-    assert!(iou("hull") > iou("rough") && iou("hull") < 1.0, "{table}");
+    // The hull of so few views is fat, but it covers also the view that has no mask.
+    assert!(iou("hull") > 0.3 && iou("hull") < 1.0, "{table}");
+    assert!(
+        table.contains("rough: 1 of 6 mattes missing") && !table.contains("hull:"),
+        "{table}"
+    );
     let page = fs::read_to_string(dir.path().join("page.html")).unwrap();
-    // Truth, hull and the four masks of six views.
-    assert_eq!(page.matches("<img ").count(), 16);
+    // Truth and hull of six views, five masks.
+    assert_eq!(page.matches("<img ").count(), 17);
     assert!(!page.contains("http"), "the page needs the network");
     refused(
         dir.path(),

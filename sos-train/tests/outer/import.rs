@@ -87,7 +87,7 @@ fn import_says_what_it_does_and_writes_a_colmap_scene() {
     for part in [
         "transforms.json",
         "left out: images/gone.png has no photo",
-        "6 photos with poses, 4 masks",
+        "6 photos with poses, 5 masks",
         "train new/scene",
     ] {
         assert!(text.contains(part), "{part:?} is not in {text}");
