@@ -109,6 +109,9 @@ fn true_mattes(gt_dir: &Path) -> PathBuf {
     }
 }
 
+/// A view's name and its files: the true matte, then one for each contender.
+pub type ViewFiles = (String, Vec<Option<PathBuf>>);
+
 /// The files that show each view: the true matte, then every contender's, `None` where it has none.
 ///
 /// # Errors
@@ -116,7 +119,7 @@ fn true_mattes(gt_dir: &Path) -> PathBuf {
 pub fn mattes_by_view(
     contenders: &[Contender],
     gt_dir: &Path,
-) -> Result<Vec<(String, Vec<Option<PathBuf>>)>, EvalError> {
+) -> Result<Vec<ViewFiles>, EvalError> {
     let alpha_gt = true_mattes(gt_dir);
     let truth = list_pictures(&alpha_gt)?;
     let found = contenders

@@ -58,7 +58,9 @@ mod run;
 mod table;
 
 pub use boundary::{BOUNDARY_SHARE, band_width, boundary_band, boundary_iou};
-pub use comparison::{Compared, Comparison, Contender, compare_contenders, mattes_by_view};
+pub use comparison::{
+    Compared, Comparison, Contender, ViewFiles, compare_contenders, mattes_by_view,
+};
 pub use error::EvalError;
 pub use folders::compare_folders;
 pub use glam;

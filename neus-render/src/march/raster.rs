@@ -127,7 +127,7 @@ impl WithSimd for LookUp<'_> {
                 for axis in (0..3).rev() {
                     for i in 0..LANES {
                         let p = origin[axis] + middle[i] * direction[axis];
-                        let p = p.max(-1.0).min(1.0);
+                        let p = p.clamp(-1.0, 1.0);
                         inside[i] &= p.abs() <= lookup.half;
                         let q = (p + lookup.half) * lookup.scale;
                         let q = if q > 0.0 { q } else { 0.0 };

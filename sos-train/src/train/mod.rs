@@ -33,7 +33,7 @@ use clock::{Phase, StepClock};
 use distortion::Spread;
 use grids::{FieldGrids, GridRule};
 use sampler::{RayBatch, Sampler, step_random};
-use step::{StepContext, StepLosses, StepSchedule};
+use step::{Known, StepContext, StepLosses, StepSchedule};
 use visible::{FrozenFields, Look, Representatives};
 
 pub use run::run;
@@ -232,8 +232,10 @@ impl Trainer {
             &self.sharpness,
             batch,
             marched,
-            spread,
-            &trust,
+            Known {
+                spread,
+                mask_trust: &trust,
+            },
             schedule,
         );
         self.clock.lap(Phase::Forward);

@@ -124,10 +124,18 @@ fn slope(samples: &SurfaceSamples, directions: &Tensor<2>) -> Tensor<2> {
     samples.normal().mul(directions.clone()).sum_dim(1)
 }
 
+/// What is known about a batch's rays from looking ahead and back.
+#[derive(Clone, Copy, Debug)]
+pub struct Known<'a> {
+    /// Of the samples, unless neither the distortion loss nor the price of distance is wanted.
+    pub spread: Option<&'a Spread>,
+    /// How far each ray's mask can be relied on in detail, 0 to 1, `[rays]`; none where it is empty.
+    pub mask_trust: &'a [f32],
+}
+
 /// The loss of a batch, ready for `backward`, with its parts.
 ///
-/// `mask_trust` `[rays]` says how far each ray's mask can be relied on in detail, 0 to 1. Returns
-/// `None` when no ray has a sample.
+/// Returns `None` when no ray has a sample.
 #[must_use]
 pub fn loss(
     context: &StepContext,
@@ -135,8 +143,7 @@ pub fn loss(
     sharpness: &Sharpness,
     batch: &RayBatch,
     marched: &MarchedBatch,
-    spread: Option<&Spread>,
-    mask_trust: &[f32],
+    known: Known<'_>,
     schedule: StepSchedule,
 ) -> Option<(Tensor<1>, StepLosses)> {
     if marched.object.is_empty() && marched.background.is_empty() {
@@ -151,7 +158,7 @@ pub fn loss(
     let n_rays = batch.rays.len();
     let packing = Arc::new(marched.packing.clone());
     let compositing = composite_config(config, schedule.cos_anneal);
-    let spread = spread.map(|spread| {
+    let spread = known.spread.map(|spread| {
         spread_pixels(
             object.clone(),
             background.clone(),
@@ -215,6 +222,7 @@ pub fn loss(
         );
         add(part, schedule.mask_weight, &mut losses.mask);
     }
+    let mask_trust = known.mask_trust;
     if weights.mask_trusted > 0.0 && mask_trust.iter().any(|trust| *trust > 0.0) {
         let (targets, trust) = batch
             .votes
