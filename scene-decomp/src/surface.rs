@@ -35,7 +35,7 @@ pub struct SurfaceConfig {
     pub features: usize,
     /// Further inputs of the colour network.
     pub extra: usize,
-    /// Degree of the [`spherical_harmonics`] that the colour network sees beside the direction.
+    /// Degree of the [`spherical_harmonics`](crate::directions::spherical_harmonics) that the colour network sees beside the direction.
     pub direction_degree: u32,
     /// Outputs of the colour network: 3, or 4 with an alpha head.
     pub outputs: usize,
