@@ -53,6 +53,10 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Train(args) => train::train(args),
         Command::Eval(args) => evaluate::eval(args).map(|()| EXIT_OK),
         Command::Report(args) => evaluate::report(args).map(|()| EXIT_OK),
+        Command::Devices => {
+            answer(&crate::device::list());
+            Ok(EXIT_OK)
+        }
         Command::DemoScene { out } => input::write_demo(out).map(|()| EXIT_OK),
     }
 }
