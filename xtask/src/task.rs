@@ -12,7 +12,8 @@ usage: cargo xtask TASK [ARGUMENTS]
   eval RUN        score a run against ground truth (sos eval)
   sos ...         any other command of the sos program
   demo OUT        write the demo scene with its exact ground truth (demo-scene)
-  test            run all tests (cargo test --release --workspace)
+  test            run all tests (cargo test --release --workspace);
+                  --device wgpu: the GPU kernels' tests instead, none of them skipped
   bench           run all benchmarks (cargo bench --workspace)
   check           formatting, lints, documentation; licences and spelling where installed
   ci              check, then test: what a change must pass
