@@ -23,7 +23,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use sos_train::train::setup;
+use sos_train::device::choose;
 
 use equal::Sizes;
 use report::{Comparison, Report};
@@ -74,7 +74,7 @@ fn main() -> ExitCode {
 
 fn run(options: &Options) -> Result<()> {
     let threads = rayon::current_num_threads();
-    let device = setup::device(&options.device)?;
+    let device = choose(&options.device)?.device;
     let say = |what: &str| eprintln!("measuring {what} …");
     say("the machine's peaks");
     let peaks = peaks::Peaks::measure(threads);

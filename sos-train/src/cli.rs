@@ -58,6 +58,10 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Compare(args) => evaluate::compare(args).map(|()| EXIT_OK),
         Command::Hull(args) => hull::write(args).map(|()| EXIT_OK),
         Command::Report(args) => evaluate::report(args).map(|()| EXIT_OK),
+        Command::Devices => {
+            answer(&crate::device::list());
+            Ok(EXIT_OK)
+        }
         Command::DemoScene { out } => input::write_demo(out).map(|()| EXIT_OK),
     }
 }

@@ -39,6 +39,7 @@
 
 pub mod cli;
 pub mod config;
+pub mod device;
 pub mod error;
 pub mod export;
 pub mod job;

@@ -72,12 +72,16 @@ impl Workspace {
 
     /// The command line of a task that is one command, with the user's arguments.
     pub(crate) fn run(&self, task: Task, arguments: Vec<OsString>) -> CommandLine {
+        if task == Task::Test
+            && let Some((device, rest)) = taken_device(&arguments)
+        {
+            return self.test_on(&device, rest);
+        }
         let program = |package, name, subcommand: &[&str]| {
-            self.cargo(
-                "run",
-                &["--release", "--package", package, "--bin", name, "--"],
-            )
-            .with_all(subcommand)
+            self.cargo("run", &["--release", "--package", package, "--bin", name])
+                .with_all(gpu_features(&arguments))
+                .with("--")
+                .with_all(subcommand)
         };
         let command = match task {
             Task::Train => program("sos-train", "sos", &["train"]),
@@ -100,6 +104,45 @@ impl Workspace {
             command.environment.push(("SOS_INVOKED_AS", "cargo xtask"));
         }
         command
+    }
+}
+
+impl Workspace {
+    /// The ops' tests on a device, which fail where they would be skipped.
+    fn test_on(&self, device: &str, rest: Vec<OsString>) -> CommandLine {
+        let mut command = self
+            .cargo("test", &["--release", "--package", "sos-tests"])
+            .with_all(["--features", device, "--test", "gpu_parity"])
+            .with_all(rest);
+        command.environment.push(("SOS_REQUIRE_GPU", "1"));
+        command
+    }
+}
+
+/// `--device NAME` or `--device=NAME` with the other arguments, if it comes before `--`.
+fn taken_device(arguments: &[OsString]) -> Option<(String, Vec<OsString>)> {
+    let own = arguments.iter().take_while(|argument| *argument != "--");
+    for (i, argument) in own.enumerate() {
+        let text = argument.to_string_lossy();
+        let (name, used) = match text.strip_prefix("--device=") {
+            Some(name) => (name.to_owned(), 1),
+            None if text == "--device" => {
+                let name = arguments.get(i + 1)?;
+                (name.to_string_lossy().into_owned(), 2)
+            }
+            None => continue,
+        };
+        let rest = arguments[..i].iter().chain(&arguments[i + used..]);
+        return Some((name, rest.cloned().collect()));
+    }
+    None
+}
+
+/// The features that a program needs for the device it is asked to use.
+fn gpu_features(arguments: &[OsString]) -> &'static [&'static str] {
+    match taken_device(arguments) {
+        Some((device, _)) if device == "wgpu" => &["--features", "wgpu"],
+        _ => &[],
     }
 }
 
@@ -190,6 +233,22 @@ mod tests {
             line(Task::Test, &["--", "-p"]),
             format!("{test} --workspace -- -p")
         );
+    }
+
+    #[test]
+    fn a_device_chooses_its_tests_and_its_build() {
+        let test = "test --manifest-path /ws/Cargo.toml --release --package sos-tests \
+                    --features wgpu --test gpu_parity";
+        assert_eq!(line(Task::Test, &["--device", "wgpu"]), test);
+        assert_eq!(
+            line(Task::Test, &["--device=wgpu", "adam", "--", "-q"]),
+            format!("{test} adam -- -q")
+        );
+        let arguments = ["--device", "wgpu"].map(OsString::from).to_vec();
+        let command = workspace().run(Task::Test, arguments);
+        assert_eq!(command.environment, [("SOS_REQUIRE_GPU", "1")]);
+        assert!(line(Task::Train, &["--device", "wgpu"]).contains(" --features wgpu -- train "));
+        assert!(!line(Task::Train, &["--device", "cpu"]).contains("features"));
     }
 
     #[test]

@@ -45,6 +45,8 @@ pub enum Command {
     Hull(HullArgs),
     /// Make a run's report.html again.
     Report(ReportArgs),
+    /// List what this build can compute on.
+    Devices,
     /// Write the built-in demo scene with its ground truth into a folder.
     DemoScene {
         /// Folder to create.
@@ -84,7 +86,7 @@ pub struct TrainArgs {
     /// Training steps in all [default: the preset's].
     #[arg(long, value_name = "N")]
     pub steps: Option<u32>,
-    /// Where to compute: auto, cpu, ndarray or flex [default: auto].
+    /// Where to compute: auto, cpu, ndarray, flex or wgpu [default: auto].
     #[arg(long, value_name = "NAME")]
     pub device: Option<String>,
     /// Seed of all random draws [default: 1].

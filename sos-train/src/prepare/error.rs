@@ -8,9 +8,14 @@ pub enum PrepareError {
     /// Cameras, photos and masks do not fit together.
     #[error("{0}")]
     Scene(String),
-    /// A device that this build does not have.
-    #[error("--device {0}: this build has auto, cpu, flex and ndarray; choose one of them")]
-    Device(String),
+    /// A device that is not there or cannot be used.
+    #[error("--device {name}: {remedy}")]
+    Device {
+        /// As it was asked for.
+        name: String,
+        /// What can be done about it.
+        remedy: String,
+    },
     /// What the COLMAP reader said.
     #[error(transparent)]
     Colmap(#[from] io_colmap::ColmapError),

@@ -64,6 +64,7 @@ pub struct Trainer {
     object_adam: LazyAdam,
     background_adam: LazyAdam,
     grids: FieldGrids,
+    device_name: String,
     /// m^P as it is now.
     map: ProbabilityMap,
     votes: SurfaceVotes,
@@ -120,6 +121,12 @@ impl Trainer {
     #[must_use]
     pub fn config(&self) -> &TrainConfig {
         &self.context.config
+    }
+
+    /// What computes, as in "Flex on 8 threads".
+    #[must_use]
+    pub fn device_name(&self) -> &str {
+        &self.device_name
     }
 
     /// Both fields' occupancy.

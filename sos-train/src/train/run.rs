@@ -61,6 +61,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         progress.note(note);
     }
     let mut trainer = Trainer::new(&job.config, &data)?;
+    progress.note(&format!("computing on {}", trainer.device_name()));
     let mut earlier_seconds = 0.0;
     if job.resume {
         earlier_seconds = trainer.load(&job.run)?;
@@ -70,8 +71,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         Some(log) => log,
         None => {
             let mut log = TrainLog::create(&job.run)?;
-            let threads = rayon::current_num_threads();
-            let device = format!("{} ({threads} threads)", job.config.device);
+            let device = trainer.device_name();
             log.event(0, "start", [("device", device.into())])?;
             let notes = job
                 .scene

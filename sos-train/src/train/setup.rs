@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use burn::tensor::Device;
 use hashgrid::{GridConfig, GridLayout, LazyAdam};
 use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 
@@ -14,23 +13,32 @@ use super::sampler::Sampler;
 use super::step::StepContext;
 use super::{OVERLAP, Trainer, adam, gradient_sinks};
 use crate::config::{Interpolation, TrainConfig, Transparency};
+use crate::device::{ChosenDevice, choose};
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
 
 /// Growth from level to level when their number is left to us.
 const GROWTH: f32 = 1.5;
 
-/// The device of a name of the command line.
-///
-/// # Errors
-/// When the name is none of those that were compiled in.
-#[allow(deprecated)] // upstream prefers Flex; NdArray is supported as well
-pub fn device(name: &str) -> Result<Device, PrepareError> {
-    match name {
-        "auto" | "cpu" | "flex" => Ok(Device::flex()),
-        "ndarray" => Ok(Device::ndarray()),
-        other => Err(PrepareError::Device(other.to_owned())),
+/// Refuses tables that the device cannot bind as one buffer.
+fn check_fits(chosen: &ChosenDevice, grids: [&GridLayout; 2]) -> Result<(), PrepareError> {
+    let Some(limit) = chosen.largest_binding else {
+        return Ok(());
+    };
+    let entries = grids.map(GridLayout::entries).into_iter().max();
+    let bytes = 8 * entries.unwrap_or(0) as u64;
+    if bytes <= limit {
+        return Ok(());
     }
+    Err(PrepareError::Device {
+        name: chosen.name.clone(),
+        remedy: format!(
+            "a hash table of {} MiB is more than the {} MiB this device can bind; set \
+             model.log2_table_size or model.levels lower, or choose --device cpu",
+            bytes >> 20,
+            limit >> 20
+        ),
+    })
 }
 
 /// The finest grid resolution that the photos can tell: a cell as wide as a pixel at the object.
@@ -95,12 +103,14 @@ impl Trainer {
     /// A trainer at step 0.
     ///
     /// # Errors
-    /// When the device does not exist.
+    /// When the device does not exist, or cannot hold the model.
     pub fn new(config: &TrainConfig, scene: &Prepared) -> Result<Self, PrepareError> {
-        let device = device(&config.device)?.autodiff();
+        let chosen = choose(&config.device)?;
+        let device = chosen.device.clone().autodiff();
         let sizes = scene_config(config, scene);
         let object_layout = Arc::new(GridLayout::new(&sizes.object_grid));
         let background_layout = Arc::new(GridLayout::new(&sizes.background_grid));
+        check_fits(&chosen, [&object_layout, &background_layout])?;
         let [object_gradient, background_gradient] =
             gradient_sinks([&object_layout, &background_layout]);
         let mut model = Scene::new(&sizes, config.seed, &device);
@@ -127,6 +137,7 @@ impl Trainer {
                 &scene.map,
                 config.prepare.crop_threshold - OVERLAP,
             ),
+            device_name: chosen.name,
             map: scene.map.clone(),
             votes: SurfaceVotes::new(scene.map.resolution()),
             agreement: Agreement::new(scene.views.len()),

@@ -1,0 +1,172 @@
+//! Where to compute: what a name of the command line stands for on this machine.
+
+use std::fmt::Write as _;
+
+use burn::tensor::Device;
+
+use crate::prepare::error::PrepareError;
+
+/// A device, and how to speak of it.
+#[derive(Clone, Debug)]
+pub struct ChosenDevice {
+    /// Without autodiff.
+    pub device: Device,
+    /// As in "Flex on 8 threads" or "NVIDIA H200 (discrete GPU, Vulkan)".
+    pub name: String,
+    /// Bytes that a kernel can bind as one buffer; `None` where memory is the limit.
+    pub largest_binding: Option<u64>,
+}
+
+/// The device of a name of the command line, one of [`DEVICES`](crate::config::DEVICES).
+///
+/// `auto` is a GPU where the build can use one and there is one, else the CPU: never a software
+/// renderer, which `wgpu` takes when there is nothing else.
+///
+/// # Errors
+/// When the name is unknown, not compiled in, or there is no such device.
+#[allow(deprecated)] // upstream prefers Flex; NdArray is supported as well
+pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
+    match name {
+        "auto" => Ok(gpu(Software::Refused).unwrap_or_else(|| cpu("Flex", Device::flex()))),
+        "cpu" | "flex" => Ok(cpu("Flex", Device::flex())),
+        "ndarray" => Ok(cpu("NdArray", Device::ndarray())),
+        "wgpu" if !cfg!(feature = "wgpu") => Err(PrepareError::Device {
+            name: name.to_owned(),
+            remedy: "this build is for the CPU alone; build with --features wgpu, or choose cpu"
+                .to_owned(),
+        }),
+        "wgpu" => gpu(Software::Allowed).ok_or_else(|| PrepareError::Device {
+            name: name.to_owned(),
+            remedy: "wgpu finds no device here; install a graphics driver (Mesa's lavapipe, \
+                     package mesa-vulkan-drivers, does without a GPU), or choose cpu"
+                .to_owned(),
+        }),
+        other => Err(PrepareError::Device {
+            name: other.to_owned(),
+            remedy: format!("choose one of {}", crate::config::DEVICES.join(", ")),
+        }),
+    }
+}
+
+/// What `sos devices` prints: everything this build can compute on, with the limits that matter.
+#[must_use]
+pub fn list() -> String {
+    let threads = rayon::current_num_threads();
+    let mut text = format!("cpu    {threads} threads (backends: flex, ndarray)\n");
+    write_gpus(&mut text);
+    match choose("auto") {
+        Ok(chosen) => _ = writeln!(text, "auto takes: {}", chosen.name),
+        Err(error) => _ = writeln!(text, "auto: {error}"),
+    }
+    text
+}
+
+fn cpu(backend: &str, device: Device) -> ChosenDevice {
+    ChosenDevice {
+        device,
+        name: format!("{backend} on {} threads", rayon::current_num_threads()),
+        largest_binding: None,
+    }
+}
+
+/// Whether the processor may pose as a GPU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Software {
+    Allowed,
+    Refused,
+}
+
+#[cfg(not(feature = "wgpu"))]
+fn gpu(_software: Software) -> Option<ChosenDevice> {
+    None
+}
+
+#[cfg(not(feature = "wgpu"))]
+fn write_gpus(text: &mut String) {
+    text.push_str("wgpu   not in this build; build with --features wgpu\n");
+}
+
+#[cfg(feature = "wgpu")]
+fn gpu(software: Software) -> Option<ChosenDevice> {
+    gpu_tensors::adapters()
+        .into_iter()
+        .filter(|adapter| adapter.is_gpu() || software == Software::Allowed)
+        .find_map(|adapter| {
+            Some(ChosenDevice {
+                device: adapter.device()?,
+                name: format!("{} ({}, {})", adapter.name, adapter.kind, adapter.api),
+                largest_binding: Some(adapter.largest_binding),
+            })
+        })
+}
+
+#[cfg(feature = "wgpu")]
+fn write_gpus(text: &mut String) {
+    let adapters = gpu_tensors::adapters();
+    if adapters.is_empty() {
+        text.push_str("wgpu   no device found\n");
+    }
+    for adapter in adapters {
+        let _ = writeln!(
+            text,
+            "wgpu   {} ({}, {}, driver {})\n       binds {} MiB at once in up to {} buffers; \
+             workgroups of {} threads and {} KiB; f32 atomics: {}",
+            adapter.name,
+            adapter.kind,
+            adapter.api,
+            adapter.driver.trim(),
+            adapter.largest_binding >> 20,
+            adapter.bindings,
+            adapter.workgroup_units,
+            adapter.shared_memory >> 10,
+            if adapter.float_atomics {
+                "yes"
+            } else {
+                "by compare and swap"
+            },
+        );
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn auto_never_takes_a_software_renderer() {
+        let chosen = choose("auto").unwrap();
+        assert!(
+            !chosen.name.contains("software renderer"),
+            "{}",
+            chosen.name
+        );
+    }
+
+    #[test]
+    fn cpu_backends_are_told_apart() {
+        assert!(choose("cpu").unwrap().name.starts_with("Flex on "));
+        assert!(choose("ndarray").unwrap().name.starts_with("NdArray on "));
+        assert_eq!(choose("flex").unwrap().largest_binding, None);
+    }
+
+    #[test]
+    fn a_device_that_is_not_there_comes_with_a_remedy() {
+        let error = choose("tpu").unwrap_err().to_string();
+        assert!(
+            error.contains("--device tpu: choose one of auto"),
+            "{error}"
+        );
+        if !cfg!(feature = "wgpu") {
+            let error = choose("wgpu").unwrap_err().to_string();
+            assert!(error.contains("--features wgpu"), "{error}");
+        }
+    }
+
+    #[test]
+    fn the_list_says_what_auto_takes() {
+        let text = list();
+        assert!(text.starts_with("cpu "), "{text}");
+        assert!(text.contains("\nauto takes: "), "{text}");
+    }
+}

@@ -1,0 +1,92 @@
+//! `colour_field`, with further inputs and without.
+
+use burn::tensor::Device;
+use scene_decomp::colour_field::{ColourFieldInputs, ColourFieldWeights, colour_field, reference};
+
+use crate::support::{GRADIENT, Random, VALUE, assert_close, gpu, numbers, oracle, tensor};
+
+const HIDDEN: usize = 64;
+const COLUMNS: usize = 19;
+
+/// The value, then the gradients of geometry, w1, b1, w2, b2, w3 and b3.
+fn run(device: &Device, n: usize, extra: usize, outputs: usize, kernel: bool) -> Vec<Vec<f64>> {
+    let device = &device.clone().autodiff();
+    let mut random = Random(31);
+    let mut scaled = |count: usize, scale: f32| -> Vec<f32> {
+        random.list(count).iter().map(|v| scale * v).collect()
+    };
+    let inputs = 6 + COLUMNS + extra;
+    let mut layer = |outputs: usize, inputs: usize| {
+        let weight = scaled(outputs * inputs, (2.0 / inputs as f32).sqrt());
+        (
+            tensor(&weight, [outputs, inputs], device).require_grad(),
+            tensor(&scaled(outputs, 0.1), [outputs], device).require_grad(),
+        )
+    };
+    let (w1, b1) = layer(HIDDEN, inputs);
+    let (w2, b2) = layer(HIDDEN, HIDDEN);
+    let (w3, b3) = layer(outputs, HIDDEN);
+    let mut matrix = |columns: usize| tensor(&scaled(n * columns, 1.0), [n, columns], device);
+    let geometry = matrix(COLUMNS).require_grad();
+    let at = ColourFieldInputs {
+        geometry: geometry.clone(),
+        points: matrix(3),
+        directions: matrix(3),
+        extra: matrix(extra),
+    };
+    let upstream = matrix(outputs);
+    let weights = ColourFieldWeights {
+        w1: w1.clone(),
+        b1: b1.clone(),
+        w2: w2.clone(),
+        b2: b2.clone(),
+        w3: w3.clone(),
+        b3: b3.clone(),
+    };
+    let out = if kernel {
+        colour_field(at, weights)
+    } else {
+        reference::colour_field(at, weights)
+    };
+    let grads = out.clone().mul(upstream).sum().backward();
+    vec![
+        numbers(out),
+        numbers(geometry.grad(&grads).unwrap()),
+        numbers(w1.grad(&grads).unwrap()),
+        numbers(b1.grad(&grads).unwrap()),
+        numbers(w2.grad(&grads).unwrap()),
+        numbers(b2.grad(&grads).unwrap()),
+        numbers(w3.grad(&grads).unwrap()),
+        numbers(b3.grad(&grads).unwrap()),
+    ]
+}
+
+const NAMES: [&str; 8] = ["value", "geometry", "w1", "b1", "w2", "b2", "w3", "b3"];
+
+#[test]
+fn values_and_gradients_are_the_references() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    for (n, extra, outputs) in [(1, 1, 3), (65, 0, 4), (1000, 1, 3)] {
+        let found = run(&gpu, n, extra, outputs, true);
+        let expected = run(&oracle(), n, extra, outputs, false);
+        for ((name, found), expected) in NAMES.iter().zip(&found).zip(&expected) {
+            let tolerance = if *name == "value" { VALUE } else { GRADIENT };
+            let what = format!("{name}, {n} points, {extra} further inputs");
+            assert_close(&what, found, expected, tolerance);
+        }
+    }
+}
+
+#[test]
+fn no_points_give_no_rows_and_zero_gradients() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let found = run(&gpu, 0, 1, 3, true);
+    assert!(found[0].is_empty() && found[1].is_empty());
+    for gradient in &found[2..] {
+        assert!(!gradient.is_empty() && gradient.iter().all(|value| *value == 0.0));
+    }
+}

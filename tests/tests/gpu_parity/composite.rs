@@ -1,0 +1,188 @@
+//! `composite`: pixels and the gradients of samples and sharpnesses.
+
+use std::sync::Arc;
+
+use burn::tensor::Device;
+use neus_render::composite::{
+    CompositeConfig, Packing, Transparency, background_column, column, composite,
+    composite_reference, object_column,
+};
+
+use crate::support::{GRADIENT, Random, VALUE, assert_close, gpu, numbers, oracle, tensor};
+
+struct Scene {
+    packing: Packing,
+    object: Vec<f32>,
+    background: Vec<f32>,
+}
+
+/// Rays of up to 40 intervals, some without any; samples of either field in most of them.
+fn scene(rays: usize) -> Scene {
+    let mut random = Random(rays as u32 + 17);
+    let mut unit = move || 0.5 * (random.signed() + 1.0);
+    let (mut offsets, mut t, mut dt) = (vec![0], Vec::new(), Vec::new());
+    let (mut object, mut background) = (Vec::new(), Vec::new());
+    let (mut of_object, mut of_background) = (Vec::new(), Vec::new());
+    for ray in 0..rays {
+        let intervals = if ray % 7 == 3 {
+            0
+        } else {
+            (40.0 * unit()) as usize
+        };
+        let mut at = 1.0 + unit();
+        for _ in 0..intervals {
+            let length = 0.02 + 0.05 * unit();
+            let i = t.len() as u32;
+            t.push(at);
+            dt.push(length);
+            at += length;
+            // Falling through zero and below, at some slope.
+            if unit() < 0.7 {
+                of_object.push(i);
+                let matte = 0.05 + 0.9 * unit();
+                object.extend([0.8 - 0.3 * at + 0.2 * unit(), 1.2 - 2.4 * unit()]);
+                object.extend([unit(), unit(), unit(), matte]);
+            }
+            if unit() < 0.6 {
+                of_background.push(i);
+                background.extend([0.9 - 0.3 * at + 0.3 * unit(), 1.2 - 2.4 * unit()]);
+                background.extend([unit(), unit(), unit()]);
+            }
+        }
+        offsets.push(t.len() as u32);
+    }
+    Scene {
+        packing: Packing::new(offsets, t, dt, of_object, of_background),
+        object,
+        background,
+    }
+}
+
+/// Pixels, then the gradients of object, background and sharpness.
+fn run(scene: &Scene, config: CompositeConfig, device: &Device, kernel: bool) -> Vec<Vec<f64>> {
+    let device = &device.clone().autodiff();
+    let shape = |values: &[f32], columns: usize| [values.len() / columns, columns];
+    let object = tensor(
+        &scene.object,
+        shape(&scene.object, object_column::COUNT),
+        device,
+    )
+    .require_grad();
+    let background = tensor(
+        &scene.background,
+        shape(&scene.background, background_column::COUNT),
+        device,
+    )
+    .require_grad();
+    let sharpness = tensor(&[12.0, 9.0], [2], device).require_grad();
+    let inputs = (object.clone(), background.clone(), sharpness.clone());
+    let pixels = if kernel {
+        let packing = Arc::new(scene.packing.clone());
+        composite(inputs.0, inputs.1, inputs.2, packing, config)
+    } else {
+        composite_reference(inputs.0, inputs.1, inputs.2, &scene.packing, config)
+    };
+    let rays = scene.packing.ray_count();
+    let probe = tensor(
+        &Random(3).list(rays * column::COUNT),
+        [rays, column::COUNT],
+        device,
+    );
+    let grads = (pixels.clone() * probe).sum().backward();
+    vec![
+        numbers(pixels),
+        object.grad(&grads).map(numbers).unwrap_or_default(),
+        background.grad(&grads).map(numbers).unwrap_or_default(),
+        sharpness.grad(&grads).map(numbers).unwrap_or_default(),
+    ]
+}
+
+fn configs() -> [CompositeConfig; 4] {
+    let base = CompositeConfig::default();
+    [
+        base,
+        CompositeConfig {
+            epsilon: 1e-3,
+            cos_anneal: 0.3,
+            ..base
+        },
+        CompositeConfig {
+            background: Transparency::Density,
+            ..base
+        },
+        CompositeConfig {
+            object: Transparency::Density,
+            ..base
+        },
+    ]
+}
+
+#[test]
+fn pixels_and_gradients_are_the_references() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    for rays in [1, 65, 300] {
+        let scene = scene(rays);
+        for config in configs() {
+            let found = run(&scene, config, &gpu, true);
+            let expected = run(&scene, config, &oracle(), false);
+            let names = ["pixels", "object", "background", "sharpness"];
+            for ((name, found), expected) in names.iter().zip(&found).zip(&expected) {
+                let tolerance = if *name == "pixels" { VALUE } else { GRADIENT };
+                let what = format!("{name}, {rays} rays, {config:?}");
+                assert_close(&what, found, expected, tolerance);
+            }
+        }
+    }
+}
+
+#[test]
+fn fields_and_rays_may_be_empty() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    // Two rays, the second without intervals; no sample of either field.
+    let nothing = Scene {
+        packing: Packing::new(vec![0, 2, 2], vec![1.0, 2.0], vec![1.0; 2], vec![], vec![]),
+        object: vec![],
+        background: vec![],
+    };
+    let found = run(&nothing, CompositeConfig::default(), &gpu, true);
+    assert_eq!(found[0], vec![0.0; 2 * column::COUNT]);
+    assert_eq!(found[3], vec![0.0; 2]);
+    // One field alone, as the background is while a run begins.
+    let mut scene = scene(20);
+    scene.object.clear();
+    scene.packing = Packing::new(
+        scene.packing.ray_offsets().to_vec(),
+        scene.packing.t().to_vec(),
+        scene.packing.dt().to_vec(),
+        vec![],
+        scene.packing.background().to_vec(),
+    );
+    let found = run(&scene, CompositeConfig::default(), &gpu, true);
+    let expected = run(&scene, CompositeConfig::default(), &Device::flex(), true);
+    for (found, expected) in found.iter().zip(&expected) {
+        assert_close("the background alone", found, expected, VALUE);
+    }
+}
+
+/// An opaque wall in single precision: gradients stay finite.
+#[test]
+fn opaque_samples_have_finite_gradients() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let mut scene = scene(30);
+    for row in scene.object.chunks_exact_mut(object_column::COUNT) {
+        row[object_column::SDF] *= 500.0;
+        row[object_column::MATTE] = 1.0;
+    }
+    let found = run(&scene, CompositeConfig::default(), &gpu, true);
+    let expected = run(&scene, CompositeConfig::default(), &Device::flex(), true);
+    for (found, expected) in found.iter().zip(&expected) {
+        assert!(found.iter().all(|value| value.is_finite()));
+        assert_close("a wall", found, expected, GRADIENT);
+    }
+}

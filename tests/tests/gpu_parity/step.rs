@@ -1,0 +1,191 @@
+//! A whole training step: samples of both fields, compositing, losses, gradients, optimisers.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use burn::tensor::Device;
+use demo_scene::DemoConfig;
+use hashgrid::{GridLayout, SparseGrad};
+use io_colmap::{MaskSet, Scene as Photos};
+use neus_render::march::{Grids, MarchConfig};
+use scene_decomp::{Scene, Sharpness};
+use sos_train::config::{Preset, TrainConfig};
+use sos_train::prepare::view::load_views;
+use sos_train::prepare::{Prepared, prepare};
+use sos_train::run_folder::{Existing, RunFolder};
+use sos_train::train::Trainer;
+use sos_train::train::batch::{BatchMarcher, Partition};
+use sos_train::train::grids::FieldGrids;
+use sos_train::train::sampler::Sampler;
+use sos_train::train::schedule;
+use sos_train::train::setup::scene_config;
+use sos_train::train::step::{StepContext, loss};
+
+use crate::support::{GRADIENT, VALUE, assert_close, gpu, numbers};
+
+/// Late in a run, when all losses count.
+const STEP: u32 = 50;
+const RAYS: usize = 48;
+
+fn config(device: &str) -> TrainConfig {
+    let mut config = TrainConfig::preset(Preset::Quick);
+    config.steps = 60;
+    for setting in [
+        "model.levels=6",
+        "model.log2_table_size=12",
+        "sampling.target_samples=2048",
+        "sampling.rays=64",
+        "sampling.object_steps=64",
+        "sampling.occupancy_resolution=32",
+        "schedule.warmup_steps=4",
+    ] {
+        config.apply_override(setting).unwrap();
+    }
+    config.device = device.to_owned();
+    config.validate().unwrap();
+    config
+}
+
+fn prepared(folder: &Path, config: &TrainConfig) -> Prepared {
+    let dir = folder.join("scene");
+    demo_scene::generate(&DemoConfig::tiny())
+        .write(&dir)
+        .unwrap();
+    let photos = Photos::open(&dir).unwrap();
+    let masks = MaskSet::find(&dir.join("coarse_masks"), &photos, None).unwrap();
+    let views = load_views(&photos, Some(&masks)).unwrap();
+    let (points, band) = (&photos.model.points, config.loss.ignore_band);
+    prepare(views, points, &config.prepare, band).unwrap()
+}
+
+/// The losses of one step and the gradients of all parameters, by name.
+fn step(data: &Prepared, config: &TrainConfig, device: &Device) -> Vec<(&'static str, Vec<f64>)> {
+    let device = device.clone().autodiff();
+    let sizes = scene_config(config, data);
+    let layouts = [&sizes.object_grid, &sizes.background_grid];
+    let [object_layout, background_layout] = layouts.map(|grid| Arc::new(GridLayout::new(grid)));
+    let mut scene = Scene::new(&sizes, config.seed, &device);
+    scene.object.grid.table = scene.object.grid.table.set_require_grad(false);
+    scene.background.grid.table = scene.background.grid.table.set_require_grad(false);
+    let sharpness = Sharpness::new(sizes.sharpness_start, &device);
+    let context = StepContext {
+        config: config.clone(),
+        object_gradient: SparseGrad::new(&object_layout),
+        background_gradient: SparseGrad::new(&background_layout),
+        object_layout,
+        background_layout,
+        device,
+        points: data.points.clone(),
+    };
+    let batch = Sampler::new(data, config.seed, 0.5).draw(data, STEP, RAYS);
+    let crop = config.prepare.crop_threshold;
+    let grids = FieldGrids::new(32, &data.map, crop);
+    let marched = BatchMarcher::default().march(
+        &batch.rays,
+        Grids {
+            object: Some(&grids.object),
+            background: Some(&grids.background),
+        },
+        &MarchConfig {
+            step_object: 2.0 / 64.0,
+            background_samples: 16,
+            ..MarchConfig::default()
+        },
+        Partition {
+            map: &data.map,
+            hull: crop,
+            crop,
+        },
+    );
+    assert!(!marched.object.is_empty() && !marched.background.is_empty());
+    let schedule = schedule::at(config, STEP, context.object_layout.levels.len());
+    let (total, losses) = loss(
+        &context, &scene, &sharpness, &batch, &marched, None, schedule,
+    )
+    .unwrap();
+    let grads = total.backward();
+    let wide = |values: Vec<f32>| values.into_iter().map(f64::from).collect();
+    let mut out = vec![
+        ("total loss", vec![f64::from(losses.total)]),
+        ("colour loss", vec![f64::from(losses.colour)]),
+        ("mask loss", vec![f64::from(losses.mask)]),
+        ("Eikonal loss", vec![f64::from(losses.eikonal)]),
+        (
+            "sharpness",
+            numbers(sharpness.s.val().grad(&grads).unwrap()),
+        ),
+        ("object table", wide(context.object_gradient.to_dense())),
+        (
+            "background table",
+            wide(context.background_gradient.to_dense()),
+        ),
+    ];
+    for (weight, bias, surface) in [
+        ("object weights", "object biases", &scene.object),
+        ("background weights", "background biases", &scene.background),
+    ] {
+        for layer in surface.sdf.iter().chain(&surface.colour) {
+            out.push((weight, numbers(layer.weight.val().grad(&grads).unwrap())));
+            out.push((bias, numbers(layer.bias.val().grad(&grads).unwrap())));
+        }
+    }
+    out
+}
+
+#[test]
+fn losses_and_gradients_are_those_of_the_cpu() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let config = config("cpu");
+    let data = prepared(folder.path(), &config);
+    let found = step(&data, &config, &gpu);
+    let expected = step(&data, &config, &Device::flex());
+    for (i, ((name, found), (_, expected))) in found.iter().zip(&expected).enumerate() {
+        let tolerance = if name.ends_with("loss") {
+            VALUE
+        } else {
+            GRADIENT
+        };
+        assert_close(&format!("{name} ({i})"), found, expected, tolerance);
+    }
+}
+
+#[test]
+fn a_run_trains_on_the_gpu_and_its_checkpoint_goes_on_elsewhere() {
+    if gpu().is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (there, here) = (config("wgpu"), config("cpu"));
+    let data = prepared(folder.path(), &there);
+    let mut on_gpu = Trainer::new(&there, &data).unwrap();
+    let mut on_cpu = Trainer::new(&here, &data).unwrap();
+    // Beyond carving, where the object's field begins.
+    let last = schedule::carve_step(&there) + 4;
+    let (mut found, mut expected) = (Vec::new(), Vec::new());
+    while on_gpu.step_number() < last {
+        let (a, b) = (on_gpu.step(&data), on_cpu.step(&data));
+        assert!(a.is_finite() && b.is_finite());
+        found.push(f64::from(a.losses.mse));
+        expected.push(f64::from(b.losses.mse));
+    }
+    // Rounding parts the two runs slowly; the first steps are the same.
+    assert_close("mse", &found[..4], &expected[..4], 1e-3);
+    assert_close("mse", &found, &expected, 0.2);
+
+    let run = RunFolder::create(&folder.path().join("run"), Existing::Keep).unwrap();
+    on_gpu.save(&run, 1.0).unwrap();
+    on_cpu.load(&run).unwrap();
+    let mut back = Trainer::new(&there, &data).unwrap();
+    back.load(&run).unwrap();
+    let points: Vec<f32> = (0..300).map(|i| (i as f32 * 0.37).sin()).collect();
+    let wide = |values: Vec<f32>| -> Vec<f64> { values.into_iter().map(f64::from).collect() };
+    let of = |trainer: &Trainer| wide(trainer.freeze_object(6).geometry(&points).values);
+    assert_close("moved", &of(&on_cpu), &of(&on_gpu), VALUE);
+    assert_close("came back", &of(&back), &of(&on_gpu), VALUE);
+    let (a, b) = (on_gpu.step(&data), on_cpu.step(&data));
+    let mse = |losses: f32| [f64::from(losses)];
+    assert_close("next", &mse(b.losses.mse), &mse(a.losses.mse), 1e-3);
+}
