@@ -7,8 +7,8 @@ use std::sync::Mutex;
 /// Buffers that were handed back, smallest first.
 static POOL: Mutex<Vec<Vec<f32>>> = Mutex::new(Vec::new());
 
-/// The most buffers kept: more than a training step holds at once.
-const MAX_POOLED: usize = 64;
+/// The most buffers kept: more than the tasks of a training step hold at once.
+const MAX_POOLED: usize = 256;
 
 /// `f32` working memory from a pool; it returns there when dropped.
 ///

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use tensor_slices::{Scratch, Stopwatch};
 
 use crate::sdf_field::transposed;
-use crate::tile::partials::LayerPartials;
+use crate::tile::partials::{LayerGradient, LayerPartials};
 use crate::tile::transpose::{rows_to_tile, rows_to_tile_padded, tile_to_rows};
 use crate::tile::{POINTS, activation, layer};
 
@@ -173,7 +173,8 @@ pub(crate) fn forward(
         out.par_chunks_mut(outputs * POINTS)
             .enumerate()
             .for_each_init(
-                || Scratch::zeros(tile_len),
+                // What lanes past the last point hold is never read.
+                || Scratch::new(tile_len),
                 |tile, (index, out)| run(index, tile, out),
             );
         return (out, None);
@@ -273,7 +274,7 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32]) -> Gradients {
     let mut geometry = vec![0.0; saved.n * columns];
     let tiles_per_job = saved.n.div_ceil(POINTS).div_ceil(JOBS).max(1);
     let points_per_job = tiles_per_job * POINTS;
-    let jobs: Vec<([LayerPartials; 3], usize)> = grad
+    let jobs: Vec<[LayerGradient; 3]> = grad
         .par_chunks(outputs * points_per_job)
         .zip(saved.out.par_chunks(outputs * points_per_job))
         .zip(saved.tiles.par_chunks(tile_len * tiles_per_job))
@@ -290,26 +291,26 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32]) -> Gradients {
                 columns,
                 partials: &mut partials,
             });
-            (partials, lanes)
+            partials.map(|of| of.reduce(lanes))
         })
         .collect();
-    let mut sums =
-        [first, second, third].map(|l| (vec![0.0; l.weight.len()], vec![0.0; l.outputs()]));
-    for (partials, lanes) in &jobs {
-        for (partial, (weight, bias)) in partials.iter().zip(&mut sums) {
-            partial.reduce_into(*lanes, weight, bias);
-        }
+    let (mut firsts, mut seconds, mut thirds) = (Vec::new(), Vec::new(), Vec::new());
+    for [one, two, three] in jobs {
+        firsts.push(one);
+        seconds.push(two);
+        thirds.push(three);
     }
-    let [(w1, b1), (w2, b2), (w3, b3)] = sums;
+    let [one, two, three] = [(first, firsts), (second, seconds), (third, thirds)]
+        .map(|(layer, parts)| LayerGradient::sum(parts, layer.outputs(), layer.inputs));
     Gradients {
         geometry,
         geometry_columns: columns,
-        w1,
-        b1,
-        w2,
-        b2,
-        w3,
-        b3,
+        w1: one.weight,
+        b1: one.bias,
+        w2: two.weight,
+        b2: two.bias,
+        w3: three.weight,
+        b3: three.bias,
     }
 }
 

@@ -1,14 +1,24 @@
 //! Weight gradients of many tiles, summed without reductions in the inner loop.
 
+use tensor_slices::Scratch;
+
 use super::POINTS;
 
 /// Vector lanes of the widest instruction set: the room a partial sum takes.
 pub(crate) const MAX_LANES: usize = 16;
 
 /// The gradient of one dense layer, as partial sums per vector lane.
-#[derive(Clone, Debug)]
 pub(crate) struct LayerPartials {
     /// `[n_out, n_in, lanes]`.
+    pub(crate) weight: Scratch,
+    /// `[n_out]`.
+    pub(crate) bias: Vec<f32>,
+}
+
+/// The gradient of one dense layer.
+#[derive(Clone, Debug)]
+pub(crate) struct LayerGradient {
+    /// `[n_out, n_in]`.
     pub(crate) weight: Vec<f32>,
     /// `[n_out]`.
     pub(crate) bias: Vec<f32>,
@@ -18,7 +28,7 @@ impl LayerPartials {
     /// Zeros for a layer of `n_out` rows and `n_in` columns.
     pub(crate) fn new(n_out: usize, n_in: usize) -> Self {
         Self {
-            weight: vec![0.0; n_out * n_in * MAX_LANES],
+            weight: Scratch::zeros(n_out * n_in * MAX_LANES),
             bias: vec![0.0; n_out],
         }
     }
@@ -37,13 +47,37 @@ impl LayerPartials {
         }
     }
 
-    /// The lanes summed: `(weight [n_out, n_in], bias [n_out])`, added to the given sums.
-    pub(crate) fn reduce_into(&self, lanes: usize, weight: &mut [f32], bias: &mut [f32]) {
-        for (sum, partial) in weight.iter_mut().zip(self.weight.chunks_exact(lanes)) {
-            *sum += partial.iter().sum::<f32>();
+    /// The lanes summed, of an instruction set with so many. A job does this itself, while its sums
+    /// are still in its core's cache.
+    pub(crate) fn reduce(self, lanes: usize) -> LayerGradient {
+        let all = self.weight.len() / MAX_LANES;
+        let weight = self.weight[..all * lanes]
+            .chunks_exact(lanes)
+            .map(|partial| partial.iter().sum())
+            .collect();
+        LayerGradient {
+            weight,
+            bias: self.bias,
         }
-        for (sum, partial) in bias.iter_mut().zip(&self.bias) {
-            *sum += partial;
+    }
+}
+
+impl LayerGradient {
+    /// The sum of all `parts`, in their order; zeros of a layer's size where there is none.
+    pub(crate) fn sum(parts: impl IntoIterator<Item = Self>, n_out: usize, n_in: usize) -> Self {
+        let mut parts = parts.into_iter();
+        let mut sum = parts.next().unwrap_or_else(|| Self {
+            weight: vec![0.0; n_out * n_in],
+            bias: vec![0.0; n_out],
+        });
+        for part in parts {
+            for (sum, part) in sum.weight.iter_mut().zip(part.weight) {
+                *sum += part;
+            }
+            for (sum, part) in sum.bias.iter_mut().zip(part.bias) {
+                *sum += part;
+            }
         }
+        sum
     }
 }

@@ -9,7 +9,7 @@ use super::forward::{Saved, Working, saved_rows};
 use super::weights::Weights;
 use crate::sdf_field::Normal;
 use crate::sdf_field::backward::DenseTable;
-use crate::tile::partials::LayerPartials;
+use crate::tile::partials::{LayerGradient, LayerPartials};
 use crate::tile::transpose::rows_to_tile_padded;
 use crate::tile::{POINTS, layer};
 
@@ -45,7 +45,7 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> 
     let mut scatter = Scratch::new(tiles * scatter_len);
 
     let tiles_per_job = tiles.div_ceil(JOBS).max(1);
-    let jobs: Vec<(Partials, usize)> = grad
+    let jobs: Vec<JobGradient> = grad
         .par_chunks(columns * POINTS * tiles_per_job)
         .zip(saved.tiles.par_chunks(saved_len * tiles_per_job))
         .zip(scatter.par_chunks_mut(scatter_len * tiles_per_job))
@@ -60,39 +60,42 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> 
                 partials: &mut partials,
                 working: &mut working,
             });
-            (partials, lanes)
+            JobGradient {
+                first: partials.first.reduce(lanes),
+                second: partials.second.reduce(lanes),
+                sdf_row: partials.sdf_row,
+            }
         })
         .collect();
 
-    let mut w1 = vec![0.0; weights.hidden * weights.inputs];
-    let mut gradients = Gradients {
-        table: None,
-        w1: Vec::new(),
-        b1: vec![0.0; weights.hidden],
-        w2: vec![0.0; weights.outputs * weights.hidden],
-        b2: vec![0.0; weights.outputs],
-    };
-    for (partials, lanes) in &jobs {
-        partials
-            .first
-            .reduce_into(*lanes, &mut w1, &mut gradients.b1);
-        partials
-            .second
-            .reduce_into(*lanes, &mut gradients.w2, &mut gradients.b2);
-        for (sum, partial) in gradients.w2.iter_mut().zip(&partials.sdf_row) {
-            *sum += partial;
+    let (mut firsts, mut seconds, mut rows) = (Vec::new(), Vec::new(), Vec::new());
+    for job in jobs {
+        firsts.push(job.first);
+        seconds.push(job.second);
+        rows.push(job.sdf_row);
+    }
+    let first = LayerGradient::sum(firsts, weights.hidden, weights.inputs);
+    let mut second = LayerGradient::sum(seconds, weights.outputs, weights.hidden);
+    for row in rows {
+        for (sum, part) in second.weight.iter_mut().zip(row) {
+            *sum += part;
         }
     }
-    gradients.w1 = vec![0.0; weights.hidden * weights.all_inputs];
-    for (row, active) in gradients
-        .w1
+    // Levels that are not in use yet have no gradient.
+    let mut w1 = vec![0.0; weights.hidden * weights.all_inputs];
+    for (row, active) in w1
         .chunks_exact_mut(weights.all_inputs)
-        .zip(w1.chunks_exact(weights.inputs))
+        .zip(first.weight.chunks_exact(weights.inputs))
     {
         row[..weights.inputs].copy_from_slice(active);
     }
-    gradients.table = scatter_table(saved, &scatter, dense_table);
-    gradients
+    Gradients {
+        table: scatter_table(saved, &scatter, dense_table),
+        w1,
+        b1: first.bias,
+        w2: second.weight,
+        b2: second.bias,
+    }
 }
 
 /// One level's share of the table gradient: every tile's points in order, so without atomics.
@@ -169,6 +172,13 @@ struct Partials {
     sdf_row: Vec<f32>,
 }
 
+/// What one job adds to the gradients.
+struct JobGradient {
+    first: LayerGradient,
+    second: LayerGradient,
+    sdf_row: Vec<f32>,
+}
+
 impl Partials {
     fn new(weights: &Weights) -> Self {
         Self {
@@ -181,20 +191,20 @@ impl Partials {
 
 struct BackwardWorking {
     forward: Working,
-    grad: Vec<f32>,
-    dg: Vec<f32>,
-    du: Vec<f32>,
-    dz: Vec<f32>,
+    grad: Scratch,
+    dg: Scratch,
+    du: Scratch,
+    dz: Scratch,
 }
 
 impl BackwardWorking {
     fn new(weights: &Weights) -> Self {
         Self {
             forward: Working::new(weights),
-            grad: vec![0.0; weights.columns() * POINTS],
-            dg: vec![0.0; weights.inputs * POINTS],
-            du: vec![0.0; weights.hidden * POINTS],
-            dz: vec![0.0; weights.hidden * POINTS],
+            grad: Scratch::new(weights.columns() * POINTS),
+            dg: Scratch::new(weights.inputs * POINTS),
+            du: Scratch::new(weights.hidden * POINTS),
+            dz: Scratch::new(weights.hidden * POINTS),
         }
     }
 }

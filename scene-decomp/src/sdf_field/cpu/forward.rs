@@ -86,6 +86,11 @@ pub(crate) fn forward(
         }
         Keep::ForBackward => {
             let mut tiles = Scratch::new(n.div_ceil(POINTS) * tile_len);
+            if !n.is_multiple_of(POINTS) {
+                // The lanes past the last point enter sums with a zero weight, and must be finite.
+                let last = tiles.len() - tile_len;
+                tiles[last..].fill(0.0);
+            }
             let columns = weights.columns();
             points
                 .par_chunks(3 * POINTS)
@@ -118,26 +123,26 @@ pub(crate) fn forward(
     }
 }
 
-/// One tile's intermediate rows.
+/// One tile's intermediate rows: each is written before it is read.
 pub(super) struct Working {
-    z: Vec<f32>,
-    pub(super) a: Vec<f32>,
-    pub(super) slope: Vec<f32>,
-    pub(super) u: Vec<f32>,
-    pub(super) g: Vec<f32>,
-    pub(super) out: Vec<f32>,
+    z: Scratch,
+    pub(super) a: Scratch,
+    pub(super) slope: Scratch,
+    pub(super) u: Scratch,
+    pub(super) g: Scratch,
+    pub(super) out: Scratch,
 }
 
 impl Working {
     pub(super) fn new(weights: &Weights) -> Self {
-        let hidden = || vec![0.0; weights.hidden * POINTS];
+        let rows = |count: usize| Scratch::new(count * POINTS);
         Self {
-            z: hidden(),
-            a: hidden(),
-            slope: hidden(),
-            u: hidden(),
-            g: vec![0.0; weights.inputs * POINTS],
-            out: vec![0.0; (weights.outputs + 3) * POINTS],
+            z: rows(weights.hidden),
+            a: rows(weights.hidden),
+            slope: rows(weights.hidden),
+            u: rows(weights.hidden),
+            g: rows(weights.inputs),
+            out: rows(weights.outputs + 3),
         }
     }
 
