@@ -163,7 +163,7 @@ fn constant<const D: usize>(tensor: Tensor<D>) -> Tensor<D> {
 }
 
 fn values(tensor: Tensor<2>) -> Vec<f32> {
-    match tensor.into_data().try_to_vec::<f32>() {
+    match tensor.into_data().try_into_vec::<f32>() {
         Ok(values) => values,
         Err(error) => panic!("FrozenSurface: weights are not f32: {error:?}"),
     }

@@ -22,6 +22,7 @@ pub mod sdf_field;
 mod cube;
 mod dense;
 mod evaluate;
+mod level_set;
 mod model;
 mod surface;
 mod surface_votes;
@@ -29,6 +30,7 @@ mod tile;
 
 pub use dense::Dense;
 pub use evaluate::{FrozenSurface, Geometry};
+pub use level_set::LevelSet;
 pub use model::{BACKGROUND_HALF_SIDE, Scene, SceneConfig, Sharpness};
 pub use surface::{InitialShape, Surface, SurfaceConfig, SurfaceSamples};
 pub use surface_votes::SurfaceVotes;

@@ -99,12 +99,7 @@ impl ProbabilityMap {
         if point.is_nan() || point.abs().max_element() > 1.0 {
             return 0.0;
         }
-        let last = self.resolution as f32 - 1.0;
-        let grid = ((point * 0.5 + 0.5) * self.resolution as f32 - 0.5)
-            .clamp(Vec3::ZERO, Vec3::splat(last));
-        let base = grid.floor().min(Vec3::splat((last - 1.0).max(0.0)));
-        let t = grid - base;
-        let (x, y, z) = (base.x as usize, base.y as usize, base.z as usize);
+        let ([x, y, z], t) = self.locate(point);
         let step = usize::from(self.resolution > 1);
         let value = |dx: usize, dy: usize, dz: usize| {
             let (x, y, z) = (x + dx * step, y + dy * step, z + dz * step);
@@ -119,6 +114,26 @@ impl ProbabilityMap {
             )
         };
         lerp(plane(0), plane(1), t.z)
+    }
+
+    /// The cube of eight samples that `point` lies between, by the number of its first corner.
+    #[inline]
+    pub(crate) fn cube_of(&self, point: Vec3) -> usize {
+        let [x, y, z] = self.locate(point).0;
+        (z * self.resolution + y) * self.resolution + x
+    }
+
+    /// The first corner of the cube that a point of `[-1, 1]^3` lies in, and where in it.
+    #[inline]
+    fn locate(&self, point: Vec3) -> ([usize; 3], Vec3) {
+        let last = self.resolution as f32 - 1.0;
+        let grid = ((point * 0.5 + 0.5) * self.resolution as f32 - 0.5)
+            .clamp(Vec3::ZERO, Vec3::splat(last));
+        let base = grid.floor().min(Vec3::splat((last - 1.0).max(0.0)));
+        (
+            [base.x as usize, base.y as usize, base.z as usize],
+            grid - base,
+        )
     }
 }
 
