@@ -63,6 +63,7 @@ const SAMPLES: usize = 64;
 const ROUNDS: usize = 2;
 
 fn main() -> ExitCode {
+    sos_train::memory::keep_freed_memory();
     match run(&Options::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -22,7 +22,7 @@ const OPS: [(&str, &[&Stopwatch]); 5] = [
 
 /// Phases that are not the method's arithmetic: optimisers and bookkeeping.
 pub(crate) const OVERHEAD: [&str; 4] = [
-    "choice of samples",
+    "votes",
     "losses and autodiff",
     "network optimiser",
     "table optimiser",
@@ -80,9 +80,8 @@ impl Marks {
         for (name, of) in [
             ("occupancy", Phase::Grids),
             ("drawing rays", Phase::Draw),
-            ("marching", Phase::March),
-            ("looking ahead", Phase::Look),
-            ("choice of samples", Phase::Choose),
+            ("gathering samples", Phase::Gather),
+            ("votes", Phase::Vote),
             ("network optimiser", Phase::Networks),
             ("table optimiser", Phase::Tables),
         ] {

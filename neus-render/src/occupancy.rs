@@ -17,6 +17,7 @@
 //! ```
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::random::unit_float;
 
@@ -189,12 +190,16 @@ impl OccupancyGrid {
 
     /// Occupied from now on: cells whose value exceeds `threshold`, and protected ones.
     pub fn rebuild_bits(&mut self, threshold: f32) {
-        for (word, values) in self.bits.iter_mut().zip(self.values.chunks(64)) {
-            *word = values
-                .iter()
-                .enumerate()
-                .fold(0, |word, (i, &v)| word | (u64::from(v > threshold) << i));
-        }
+        self.bits
+            .par_iter_mut()
+            .zip(self.values.par_chunks(64))
+            .with_min_len(256)
+            .for_each(|(word, values)| {
+                *word = values
+                    .iter()
+                    .enumerate()
+                    .fold(0, |word, (i, &v)| word | (u64::from(v > threshold) << i));
+            });
         if let Some(protected) = &self.protected {
             for (word, &keep) in self.bits.iter_mut().zip(protected) {
                 *word |= keep;

@@ -43,6 +43,7 @@ pub mod device;
 pub mod error;
 pub mod export;
 pub mod job;
+pub mod memory;
 pub mod prepare;
 pub mod progress;
 pub mod render;

@@ -8,6 +8,7 @@ use glam::Vec3;
 use neus_render::composite::{background_column, column, object_column};
 use neus_render::march::{Jitter, MarchConfig};
 use neus_render::rays::Ray;
+use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
 use crate::config::{AlphaSource, Blend, TrainConfig, Transparency};
@@ -17,9 +18,8 @@ use crate::train::grids::FieldGrids;
 use crate::train::step::density_of;
 use crate::train::visible::{FrozenFields, Look, composite_config};
 
-/// Rays whose samples are in memory at once: few enough that a core's cache holds most of them, and
-/// that their lists come from memory that is already there.
-const CHUNK: usize = 2048;
+/// Rays that one task renders: few enough that its core's cache holds their samples.
+const CHUNK: usize = 256;
 
 /// A trained scene, frozen.
 #[derive(Debug)]
@@ -79,13 +79,13 @@ impl FrozenScene {
     /// Renders `rays` of the normalised frame.
     #[must_use]
     pub fn render(&self, rays: &[Ray]) -> Vec<RenderedRay> {
-        let mut marcher = BatchMarcher::default();
-        rays.chunks(CHUNK)
-            .flat_map(|chunk| {
-                let marched = self.march(chunk, &mut marcher, Extent::All);
+        rays.par_chunks(CHUNK)
+            .map_init(BatchMarcher::default, |marcher, chunk| {
+                let marched = self.march(chunk, marcher, Extent::All);
                 let look = self.fields.look(&marched, &self.config, 1.0, |_| true);
                 self.render_marched(&marched, &look)
             })
+            .flatten_iter()
             .collect()
     }
 
@@ -95,17 +95,16 @@ impl FrozenScene {
         if self.mattes_need_colours() {
             return self.render(rays).iter().map(|ray| ray.matte).collect();
         }
-        let mut marcher = BatchMarcher::default();
-        rays.chunks(CHUNK)
-            .flat_map(|chunk| {
+        rays.par_chunks(CHUNK)
+            .map_init(BatchMarcher::default, |marcher, chunk| {
                 // Most rays past the object meet none of its samples: they need no more than that.
-                let object = self.march(chunk, &mut marcher, Extent::Object);
+                let object = self.march(chunk, marcher, Extent::Object);
                 let offsets = object.packing.object_offsets();
                 let hit: Vec<usize> = (0..chunk.len())
                     .filter(|&ray| offsets[ray + 1] > offsets[ray])
                     .collect();
                 let rays: Vec<Ray> = hit.iter().map(|&ray| chunk[ray]).collect();
-                let marched = self.march(&rays, &mut marcher, Extent::Box);
+                let marched = self.march(&rays, marcher, Extent::Box);
                 let marched = before_the_object(&marched);
                 let look = self.fields.look(&marched, &self.config, 1.0, |_| false);
                 let mut mattes = vec![0.0f32; chunk.len()];
@@ -114,6 +113,7 @@ impl FrozenScene {
                 }
                 mattes.into_iter().map(|matte| matte.clamp(0.0, 1.0))
             })
+            .flatten_iter()
             .collect()
     }
 
@@ -128,10 +128,9 @@ impl FrozenScene {
             };
             return self.render(rays).into_iter().map(glance).collect();
         }
-        let mut marcher = BatchMarcher::default();
-        rays.chunks(CHUNK)
-            .flat_map(|chunk| {
-                let marched = self.march(chunk, &mut marcher, Extent::All);
+        rays.par_chunks(CHUNK)
+            .map_init(BatchMarcher::default, |marcher, chunk| {
+                let marched = self.march(chunk, marcher, Extent::All);
                 let look = self.fields.look(&marched, &self.config, 1.0, |_| true);
                 let mut mattes = vec![0.0f32; chunk.len()];
                 for (&ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
@@ -144,6 +143,7 @@ impl FrozenScene {
                 };
                 mattes.into_iter().zip(depths).map(glance)
             })
+            .flatten_iter()
             .collect()
     }
 
@@ -157,10 +157,9 @@ impl FrozenScene {
     /// that is behind the box.
     #[must_use]
     pub fn median_distances(&self, rays: &[Ray]) -> Vec<f32> {
-        let mut marcher = BatchMarcher::default();
-        rays.chunks(CHUNK)
-            .flat_map(|chunk| {
-                let marched = self.march(chunk, &mut marcher, Extent::Box);
+        rays.par_chunks(CHUNK)
+            .map_init(BatchMarcher::default, |marcher, chunk| {
+                let marched = self.march(chunk, marcher, Extent::Box);
                 let look = self.fields.look(&marched, &self.config, 1.0, |_| false);
                 let mut weights = vec![0.0f32; chunk.len()];
                 let mut distances = vec![f32::INFINITY; chunk.len()];
@@ -186,6 +185,7 @@ impl FrozenScene {
                 }
                 distances
             })
+            .flatten_iter()
             .collect()
     }
 
@@ -210,7 +210,8 @@ impl FrozenScene {
     /// Colours of the samples that light reaches, in both fields alone and together.
     fn render_marched(&self, marched: &MarchedBatch, look: &Look) -> Vec<RenderedRay> {
         let (object, background) = (look.object_reached(), look.background_reached(|_| true));
-        let kept = marched.keep(&object, &background);
+        let mut kept = marched.keep(&object, &background);
+        kept.background.look_up(&self.map);
         let object = self.object_rows(&kept, look, &object);
         let background = self.background_rows(&kept, look, &background);
         let depths = background_depths(marched, look);

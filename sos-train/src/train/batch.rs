@@ -6,6 +6,7 @@ use neus_render::contraction::contract;
 use neus_render::march::{Grids, Intervals, MarchConfig, Marcher};
 use neus_render::rays::Ray;
 use rayon::prelude::*;
+use scene_decomp::LevelSet;
 use scene_decomp::probability::ProbabilityMap;
 
 /// Where a field is evaluated, in its own frame; point-major lists.
@@ -15,7 +16,7 @@ pub struct FieldSamples {
     pub points: Vec<f32>,
     /// Unit directions in the same frame, `[m * 3]`.
     pub directions: Vec<f32>,
-    /// m^P at the points, `[m]`; empty for FoCoR.
+    /// m^P at the points, `[m]`; empty for FoCoR, and before [`FieldSamples::look_up`].
     pub probability: Vec<f32>,
     /// The ray that each sample belongs to, `[m]`.
     pub ray: Vec<u32>,
@@ -37,7 +38,7 @@ impl FieldSamples {
         self.ray.is_empty()
     }
 
-    fn with_capacity(samples: usize) -> Self {
+    pub(super) fn with_capacity(samples: usize) -> Self {
         Self {
             points: Vec::with_capacity(3 * samples),
             directions: Vec::with_capacity(3 * samples),
@@ -45,6 +46,12 @@ impl FieldSamples {
             ray: Vec::with_capacity(samples),
             stretch: Vec::new(),
         }
+    }
+
+    /// Looks m^P up. In the box BaCo's contracted space is the box's own, outside there is nothing.
+    pub fn look_up(&mut self, map: &ProbabilityMap) {
+        let points = self.points.chunks_exact(3).map(Vec3::from_slice);
+        self.probability = points.map(|point| map.at(point)).collect();
     }
 
     /// The samples with these numbers.
@@ -55,17 +62,18 @@ impl FieldSamples {
             out.points.extend_from_slice(&self.points[3 * i..3 * i + 3]);
             out.directions
                 .extend_from_slice(&self.directions[3 * i..3 * i + 3]);
-            out.probability.extend(self.probability.get(i));
             out.ray.push(self.ray[i]);
         }
         out
     }
 
-    fn append(&mut self, other: &Self) {
+    /// Appends the samples of `other`, whose ray 0 is ray `first` here.
+    pub(super) fn append(&mut self, other: &Self, first: u32) {
         self.points.extend_from_slice(&other.points);
         self.directions.extend_from_slice(&other.directions);
         self.probability.extend_from_slice(&other.probability);
-        self.ray.extend_from_slice(&other.ray);
+        self.ray.extend(other.ray.iter().map(|ray| ray + first));
+        self.stretch.extend_from_slice(&other.stretch);
     }
 
     fn push(&mut self, point: Vec3, direction: Vec3, ray: u32) {
@@ -83,14 +91,14 @@ const BACKDROP: f32 = 1e4;
 pub struct Partition<'a> {
     /// m^P.
     pub map: &'a ProbabilityMap,
-    /// FoCoR is asked where m^P reaches this.
-    pub hull: f32,
-    /// BaCo is transparent where m^P reaches this (method: BaCo's crop).
-    pub crop: f32,
+    /// FoCoR is asked only here.
+    pub hull: &'a LevelSet,
+    /// BaCo is transparent here (method: BaCo's crop).
+    pub crop: Option<&'a LevelSet>,
 }
 
 /// A batch of rays, marched.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct MarchedBatch {
     /// Which sample belongs where.
     pub packing: Packing,
@@ -101,18 +109,42 @@ pub struct MarchedBatch {
 }
 
 impl MarchedBatch {
-    /// The samples with these row numbers only (ascending), of either field.
+    /// The samples with these row numbers only (ascending), of either field, and the intervals that
+    /// have one.
     #[must_use]
     pub fn keep(&self, object: &[u32], background: &[u32]) -> Self {
-        let intervals = |of: &[u32], rows: &[u32]| rows.iter().map(|&i| of[i as usize]).collect();
+        let all = &self.packing;
+        let (mut offsets, mut t, mut dt) = (vec![0], Vec::new(), Vec::new());
+        let mut kept_object = Vec::with_capacity(object.len());
+        let mut kept_background = Vec::with_capacity(background.len());
+        let mut object_left = object.iter().map(|&i| all.object()[i as usize]).peekable();
+        let mut background_left = background
+            .iter()
+            .map(|&i| all.background()[i as usize])
+            .peekable();
+        for &end in &all.ray_offsets()[1..] {
+            loop {
+                let next = [object_left.peek(), background_left.peek()]
+                    .into_iter()
+                    .flatten()
+                    .min();
+                let Some(&interval) = next.filter(|interval| **interval < end) else {
+                    break;
+                };
+                let number = t.len() as u32;
+                t.push(all.t()[interval as usize]);
+                dt.push(all.dt()[interval as usize]);
+                if object_left.next_if_eq(&interval).is_some() {
+                    kept_object.push(number);
+                }
+                if background_left.next_if_eq(&interval).is_some() {
+                    kept_background.push(number);
+                }
+            }
+            offsets.push(t.len() as u32);
+        }
         Self {
-            packing: Packing::new(
-                self.packing.ray_offsets().to_vec(),
-                self.packing.t().to_vec(),
-                self.packing.dt().to_vec(),
-                intervals(self.packing.object(), object),
-                intervals(self.packing.background(), background),
-            ),
+            packing: Packing::new(offsets, t, dt, kept_object, kept_background),
             object: self.object.select(object),
             background: self.background.select(background),
         }
@@ -168,8 +200,8 @@ impl BatchMarcher {
         let mut background = FieldSamples::with_capacity(total(|p| p.background.len()));
         let (mut object_intervals, mut background_intervals) = (Vec::new(), Vec::new());
         for part in parts {
-            object.append(&part.object);
-            background.append(&part.background);
+            object.append(&part.object, 0);
+            background.append(&part.background, 0);
             object_intervals.extend(part.object_intervals);
             background_intervals.extend(part.background_intervals);
             for (interval, length) in part.lengths {
@@ -199,12 +231,12 @@ impl Part {
             let (object, background) = (intervals.object[i], intervals.background[i]);
             let point = ray.at(intervals.t[i]);
             let inside = point.abs().max_element() <= 1.0;
-            let probability = if inside { partition.map.at(point) } else { 0.0 };
-            if object && probability >= partition.hull {
+            let within = |set: &LevelSet| inside && set.contains(partition.map, point);
+            if object && within(partition.hull) {
                 self.object.push(point, ray.direction, number as u32);
                 self.object_intervals.push(interval);
             }
-            if !background || probability >= partition.crop {
+            if !background || partition.crop.is_some_and(within) {
                 continue;
             }
             // Outside the box the field lives in contracted space, and so do steps along the ray.
@@ -221,7 +253,6 @@ impl Part {
             };
             self.background
                 .push(contract(point), direction, number as u32);
-            self.background.probability.push(probability);
             self.background_intervals.push(interval);
         }
     }

@@ -13,8 +13,8 @@ use scene_decomp::SurfaceVotes;
 use scene_decomp::probability::ProbabilityMap;
 use serde::{Deserialize, Serialize};
 
+use super::Trainer;
 use super::agreement::Agreement;
-use super::{OVERLAP, Trainer};
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
 use crate::render::rays::FrozenScene;
@@ -179,8 +179,8 @@ impl Trainer {
             return Err(misfit("probability map").into());
         }
         self.map = ProbabilityMap::new(resolution, map);
-        let threshold = self.config().prepare.crop_threshold - OVERLAP;
-        self.grids.allow(&self.map, threshold);
+        let crop = self.config().prepare.crop_threshold;
+        self.grids.allow(&self.map, crop);
         self.grids
             .restore(
                 &read_floats(&path(OCCUPANCY[0]))?,

@@ -9,12 +9,10 @@ pub enum Phase {
     Grids,
     /// Rays are drawn.
     Draw,
-    /// Rays are marched.
-    March,
-    /// Geometry without gradients: which samples light reaches.
-    Look,
-    /// Votes on m^P, and the choice of samples.
-    Choose,
+    /// Rays are marched, and samples chosen that light reaches.
+    Gather,
+    /// Votes on m^P, and how mattes agree with masks.
+    Vote,
     /// Fields, compositing and losses.
     Forward,
     /// Autodiff's way back.
@@ -27,12 +25,11 @@ pub enum Phase {
 
 impl Phase {
     /// All of them, in the order of a step.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 8] = [
         Self::Grids,
         Self::Draw,
-        Self::March,
-        Self::Look,
-        Self::Choose,
+        Self::Gather,
+        Self::Vote,
         Self::Forward,
         Self::Backward,
         Self::Networks,

@@ -25,6 +25,13 @@ pub struct Spread {
 }
 
 impl Spread {
+    /// Appends what is known of further samples.
+    pub(super) fn append(&mut self, other: Self) {
+        self.object.extend(other.object);
+        self.background.extend(other.background);
+        self.far.extend(other.far);
+    }
+
     /// Of the samples with these row numbers.
     #[must_use]
     pub fn select(&self, object: &[u32], background: &[u32]) -> Self {

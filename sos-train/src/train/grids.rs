@@ -4,8 +4,9 @@ use glam::Vec3;
 use neus_render::occupancy::OccupancyGrid;
 use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
-use scene_decomp::{BACKGROUND_HALF_SIDE, FrozenSurface};
+use scene_decomp::{BACKGROUND_HALF_SIDE, FrozenSurface, LevelSet};
 
+use super::batch::Partition;
 use crate::config::Transparency;
 
 /// A cell whose opacity (1 - exp) stays below this is nothing.
@@ -16,6 +17,11 @@ const DECAY: f32 = 0.8;
 /// The same for the object, whose distance tells as much anywhere in the cell.
 const OBJECT_DECAY: f32 = 0.2;
 
+/// By how much of m^P the space that FoCoR may fill reaches into that of BaCo.
+const OVERLAP: f32 = 0.1;
+/// Cells that one task asks about.
+const CHUNK: usize = 1024;
+
 /// Occupied space of both fields.
 #[derive(Clone, Debug)]
 pub struct FieldGrids {
@@ -25,6 +31,10 @@ pub struct FieldGrids {
     pub background: OccupancyGrid,
     /// Cells that FoCoR may ever fill: m^P is not too small there.
     allowed: Vec<u32>,
+    /// Where FoCoR may be.
+    hull: LevelSet,
+    /// Where BaCo may not be.
+    crop: LevelSet,
 }
 
 /// What a field's grid depends on besides the field.
@@ -37,47 +47,59 @@ pub struct GridRule {
 }
 
 impl FieldGrids {
-    /// All allowed cells occupied. FoCoR is allowed where m^P, looked up at a cell's corners and
-    /// centre, reaches `threshold`.
+    /// All allowed cells occupied. BaCo ends where m^P reaches `crop`; FoCoR is allowed in cells where it
+    /// reaches a little less, looked up at corners and centre.
     #[must_use]
-    pub fn new(resolution: u32, map: &ProbabilityMap, threshold: f32) -> Self {
+    pub fn new(resolution: u32, map: &ProbabilityMap, crop: f32) -> Self {
         let mut background = OccupancyGrid::new(resolution, BACKGROUND_HALF_SIDE).with_decay(DECAY);
         background.set_all(2.0 * VISIBLE);
         let mut grids = Self {
             object: OccupancyGrid::new(resolution, 1.0).with_decay(OBJECT_DECAY),
             background,
             allowed: Vec::new(),
+            hull: LevelSet::new(map, crop - OVERLAP),
+            crop: LevelSet::new(map, crop),
         };
-        grids.allow(map, threshold);
+        grids.allow(map, crop);
         grids
+    }
+
+    /// Which part of the box each field may fill by `map`, the one last allowed; all of it is BaCo's
+    /// unless the object has been `carved` out.
+    #[must_use]
+    pub fn partition<'a>(&'a self, map: &'a ProbabilityMap, carved: bool) -> Partition<'a> {
+        Partition {
+            map,
+            hull: &self.hull,
+            crop: carved.then_some(&self.crop),
+        }
     }
 
     /// Follows a new m^P: cells that are allowed from now on are occupied until they have been asked,
     /// others are empty.
-    pub fn allow(&mut self, map: &ProbabilityMap, threshold: f32) {
+    pub fn allow(&mut self, map: &ProbabilityMap, crop: f32) {
+        self.hull = LevelSet::new(map, crop - OVERLAP);
+        self.crop = LevelSet::new(map, crop);
         let grid = &mut self.object;
         let half = 0.5 * grid.cell_size();
         let mut before = vec![false; grid.cell_count()];
         for &cell in &self.allowed {
             before[cell as usize] = true;
         }
+        let hull = &self.hull;
         self.allowed = (0..grid.cell_count() as u32)
             .into_par_iter()
             .filter(|&cell| {
                 let centre = grid.centre_of(cell);
-                let value = map.at(centre);
-                // m^P is smooth enough that a corner differs by less than this.
-                if (value - threshold).abs() > 0.35 {
-                    return value >= threshold;
-                }
-                (0..8).any(|corner| {
-                    let offset = Vec3::new(
-                        if corner & 1 == 0 { -half } else { half },
-                        if corner & 2 == 0 { -half } else { half },
-                        if corner & 4 == 0 { -half } else { half },
-                    );
-                    map.at(centre + offset) >= threshold
-                })
+                hull.contains(map, centre)
+                    || (0..8).any(|corner| {
+                        let offset = Vec3::new(
+                            if corner & 1 == 0 { -half } else { half },
+                            if corner & 2 == 0 { -half } else { half },
+                            if corner & 4 == 0 { -half } else { half },
+                        );
+                        hull.contains(map, centre + offset)
+                    })
             })
             .collect();
         let values: Vec<f32> = self
@@ -130,7 +152,7 @@ impl FieldGrids {
     pub fn update_object(&mut self, field: &FrozenSurface, rule: GridRule, seed: u64, round: u32) {
         let cells: Vec<u32> = self
             .allowed
-            .iter()
+            .par_iter()
             .copied()
             .filter(|&cell| is_due(cell, round, 4))
             .collect();
@@ -173,16 +195,20 @@ fn update(
     rule: GridRule,
     seed: u64,
 ) {
-    let points: Vec<f32> = cells
-        .iter()
-        .flat_map(|&cell| grid.jittered(cell, seed).to_array())
-        .collect();
-    let geometry = field.geometry(&points);
+    let mut points = vec![0.0; 3 * cells.len()];
+    points
+        .par_chunks_mut(3)
+        .zip(cells)
+        .with_min_len(CHUNK)
+        .for_each(|(point, &cell)| grid.jittered(cell, seed).write_to_slice(point));
+    let geometry = field.geometry_of(points);
     let cell = grid.cell_size();
     // A surface within the cell's diagonal, widened by the reach of the logistic density: beyond
     // 6 / b on either side of it, Phi_b changes by less than 0.3 %.
     let reach = 1.8 * cell + 6.0 / rule.sharpness.max(1e-3);
     let values: Vec<f32> = (0..cells.len())
+        .into_par_iter()
+        .with_min_len(CHUNK)
         .map(|i| {
             let value = geometry.sdf(i);
             match rule.transparency {

@@ -7,6 +7,7 @@ pub mod carve;
 pub mod checkpoint;
 pub mod clock;
 pub mod distortion;
+mod gather;
 pub mod grids;
 mod rounds;
 pub mod run;
@@ -19,35 +20,30 @@ pub mod visible;
 use std::sync::Arc;
 
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
-use glam::Vec3;
 use hashgrid::{LazyAdam, SparseGrad};
-use neus_render::march::{Grids, Jitter, MarchConfig};
+use neus_render::march::{Grids, MarchConfig};
 use scene_decomp::probability::ProbabilityMap;
 use scene_decomp::{FrozenSurface, Scene, Sharpness, SurfaceVotes};
 
-use crate::config::{AlphaSource, Blend, ProbabilitySource, TrainConfig, Transparency};
-use crate::prepare::{Label, Prepared};
+use crate::config::{ProbabilitySource, TrainConfig, Transparency};
+use crate::prepare::Prepared;
 use agreement::Agreement;
-use batch::{BatchMarcher, MarchedBatch, Partition};
+use batch::{MarchedBatch, Partition};
 use clock::{Phase, StepClock};
 use distortion::Spread;
 use grids::{FieldGrids, GridRule};
-use sampler::{RayBatch, Sampler, step_random};
+use sampler::{RayBatch, Sampler};
 use step::{Known, StepContext, StepLosses, StepSchedule};
-use visible::{FrozenFields, Look, Representatives};
+use visible::FrozenFields;
 
 pub use run::run;
 
 /// Steps inside the box that the background alone is marched at once.
 pub(crate) const BACKGROUND_STRIDE: u32 = 2;
-/// By how much of m^P the space that FoCoR may fill reaches into that of BaCo.
-pub(crate) const OVERLAP: f32 = 0.1;
 /// Steps between two updates of m^P from the votes.
 const VOTES_EVERY: u32 = 250;
 /// What votes are worth after each update.
 const VOTES_KEPT: f32 = 0.7;
-/// Lighter samples do not vote.
-const LEAST_VOTE: f32 = 0.02;
 /// Share of the run after the carving, or after the start, in which FoCoR finds its outline before
 /// masks are compared with it.
 const SETTLING: f32 = 0.1;
@@ -70,7 +66,8 @@ pub struct Trainer {
     votes: SurfaceVotes,
     agreement: Agreement,
     sampler: Sampler,
-    marcher: BatchMarcher,
+    /// Rays whose samples are looked for at once.
+    rays_per_task: usize,
     step: u32,
     /// Rays a step, followed so that the samples meet the budget.
     rays: f32,
@@ -150,18 +147,6 @@ impl Trainer {
         ]
     }
 
-    /// How rays are marched in training at `step`.
-    fn march_config(&self) -> MarchConfig {
-        let sampling = &self.context.config.sampling;
-        MarchConfig {
-            step_object: 2.0 / sampling.object_steps as f32,
-            background_stride: BACKGROUND_STRIDE,
-            background_samples: sampling.background_samples,
-            jitter: Jitter::Seeded(self.context.config.seed ^ (u64::from(self.step) << 20)),
-            ..MarchConfig::default()
-        }
-    }
-
     /// Does one step.
     pub fn step(&mut self, data: &Prepared) -> StepReport {
         let config = self.context.config.clone();
@@ -176,39 +161,35 @@ impl Trainer {
         self.clock.lap(Phase::Grids);
         let batch = self.sampler.draw(data, self.step, self.rays as usize);
         self.clock.lap(Phase::Draw);
-        let march = self.march_config();
+        let fields = self.freeze_fields(schedule);
         let (grids, partition) = space(&config, self.step, &self.grids, &self.map);
-        let marched = self.marcher.march(&batch.rays, grids, &march, partition);
-        self.clock.lap(Phase::March);
-        // Where the background is asked for by itself, it has to be complete behind the object too.
-        let model = &config.model;
-        let both_alone = model.blend == Blend::Ray || model.alpha == AlphaSource::Head;
-        let alone = |ray: usize| both_alone || batch.labels[ray] == Label::Background;
-        let look = self
-            .freeze_fields(schedule)
-            .look(&marched, &config, schedule.cos_anneal, alone);
-        self.clock.lap(Phase::Look);
+        let gathered = gather::gather(
+            &batch,
+            &fields,
+            gather::Rules {
+                config: &config,
+                grids,
+                march: march_config(&config),
+                partition,
+                cos_anneal: schedule.cos_anneal,
+                spread: config.loss.distortion > 0.0 || schedule.far_weight > 0.0,
+                seed: config.seed ^ (u64::from(self.step) << 20),
+                chunk: self.rays_per_task,
+            },
+        );
+        drop(fields);
+        self.clock.lap(Phase::Gather);
         if config.model.probability == ProbabilitySource::Surface {
-            self.vote(data, &batch, &marched, &look);
+            self.vote(data, &gathered.votes);
         }
-        self.compare_masks(&batch, &marched, &look);
-        let object_rows = look.object_reached();
-        let drawn = match config.model.background {
-            Transparency::Sdf => Representatives::all(
-                look.background_reached(|i| alone(marched.background.ray[i] as usize)),
-            ),
-            Transparency::Density => {
-                let mut random = step_random(config.seed ^ 0x00d4_a3e1, self.step);
-                look.background_drawn(&marched, alone, &mut random)
-            }
-        };
-        let spread = (config.loss.distortion > 0.0 || schedule.far_weight > 0.0)
-            .then(|| distortion::spread(&marched, &look).select(&object_rows, &drawn.rows));
-        let mut marched = marched.keep(&object_rows, &drawn.rows);
-        marched.background.stretch = drawn.stretch;
-        drop(look);
-        self.clock.lap(Phase::Choose);
-        self.learn(&batch, &marched, spread.as_ref(), schedule)
+        self.compare_masks(&batch, &gathered.mattes);
+        self.clock.lap(Phase::Vote);
+        self.learn(
+            &batch,
+            &gathered.marched,
+            gathered.spread.as_ref(),
+            schedule,
+        )
     }
 
     /// The second half of a step: learns from the samples of a batch, whoever chose them.
@@ -285,32 +266,17 @@ impl Trainer {
         self.empty_batches
     }
 
-    /// Has the batch's pixels vote on m^P, and follows the votes every so often.
-    fn vote(&mut self, data: &Prepared, batch: &RayBatch, marched: &MarchedBatch, look: &Look) {
+    /// Adds the votes of a batch's pixels on m^P, and follows them every so often.
+    fn vote(&mut self, data: &Prepared, votes: &[gather::SurfaceVote]) {
         let config = &self.context.config;
-        let inside = [
-            (&marched.object, &look.visibility.object),
-            (&marched.background, &look.visibility.background),
-        ];
-        for (samples, visibility) in inside {
-            for (i, seen) in visibility.iter().enumerate() {
-                if seen.weight < LEAST_VOTE {
-                    continue;
-                }
-                if let Some(vote) = batch.votes[samples.ray[i] as usize] {
-                    // In the box BaCo's contracted space is the box's own.
-                    let point = Vec3::from_slice(&samples.points[3 * i..]);
-                    self.votes
-                        .add(point, seen.weight * vote.weight, vote.object);
-                }
-            }
+        for vote in votes {
+            self.votes.add(vote.point, vote.weight, vote.object);
         }
         let due = schedule::progress(config, self.step) >= config.schedule.votes_start;
         if due && self.step >= schedule::carve_step(config) && self.step.is_multiple_of(VOTES_EVERY)
         {
             self.map = self.votes.map(&data.map);
-            let threshold = config.prepare.crop_threshold - OVERLAP;
-            self.grids.allow(&self.map, threshold);
+            self.grids.allow(&self.map, config.prepare.crop_threshold);
         }
         if self.step.is_multiple_of(VOTES_EVERY) {
             self.votes.fade(VOTES_KEPT);
@@ -318,19 +284,15 @@ impl Trainer {
     }
 
     /// Compares the batch's mattes with the masks, once there is an object to speak of.
-    fn compare_masks(&mut self, batch: &RayBatch, marched: &MarchedBatch, look: &Look) {
+    fn compare_masks(&mut self, batch: &RayBatch, mattes: &[f32]) {
         let config = &self.context.config;
         let settled = schedule::carve_step(config) + (SETTLING * config.steps as f32) as u32;
         if config.loss.mask_trusted == 0.0 || self.step < settled {
             return;
         }
-        let mut mattes = vec![0.0f32; batch.rays.len()];
-        for (ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
-            mattes[*ray as usize] += seen.weight;
-        }
         for ((view, vote), matte) in batch.views.iter().zip(&batch.votes).zip(mattes) {
             if let Some(vote) = vote {
-                self.agreement.add(*view as usize, matte, vote.object);
+                self.agreement.add(*view as usize, *matte, vote.object);
             }
         }
         if self.step.is_multiple_of(VOTES_EVERY) {
@@ -447,6 +409,16 @@ impl Trainer {
     }
 }
 
+/// How rays are marched in training.
+fn march_config(config: &TrainConfig) -> MarchConfig {
+    MarchConfig {
+        step_object: 2.0 / config.sampling.object_steps as f32,
+        background_stride: BACKGROUND_STRIDE,
+        background_samples: config.sampling.background_samples,
+        ..MarchConfig::default()
+    }
+}
+
 /// Where each field is marched at `step`: BaCo everywhere until FoCoR is carved out of it, then each
 /// on its side of m^P.
 pub(crate) fn space<'a>(
@@ -456,15 +428,10 @@ pub(crate) fn space<'a>(
     map: &'a ProbabilityMap,
 ) -> (Grids<'a>, Partition<'a>) {
     let alone = step < schedule::carve_step(config);
-    let crop = config.prepare.crop_threshold;
+    let partition = grids.partition(map, !alone);
     let grids = Grids {
         object: (!alone).then_some(&grids.object),
         background: Some(&grids.background),
-    };
-    let partition = Partition {
-        map,
-        hull: crop - OVERLAP,
-        crop: if alone { f32::INFINITY } else { crop },
     };
     (grids, partition)
 }

@@ -4,6 +4,7 @@ use glam::{Affine3A, Vec2};
 use neus_render::rays::Ray;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
 
 use crate::prepare::{Label, Prepared, Vote};
 
@@ -38,6 +39,9 @@ pub struct Sampler {
 /// what lies there is what plates show behind the object.
 const NEARBY_SHARE: f32 = 0.6;
 
+/// Pixels that one task looks up.
+const CHUNK: usize = 64;
+
 impl Sampler {
     /// For the views of `scene`; `object_share` of the rays go where the object can be.
     #[must_use]
@@ -63,20 +67,34 @@ impl Sampler {
     #[must_use]
     pub fn draw(&self, scene: &Prepared, step: u32, rays: usize) -> RayBatch {
         let mut random = step_random(self.seed, step);
+        let pixels: Vec<(usize, u32, u32)> =
+            (0..rays).map(|_| self.pixel(scene, &mut random)).collect();
+        // Looking things up takes most of the time: each pixel is somewhere else in memory.
+        let drawn: Vec<_> = pixels
+            .into_par_iter()
+            .with_min_len(CHUNK)
+            .filter_map(|(number, x, y)| {
+                let view = &scene.views[number];
+                let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+                // A pixel that a lens can't unproject (its far corner, say) teaches nothing.
+                let ray = view.ray(&self.poses[number], pixel)?;
+                let outline = &scene.outlines[number];
+                Some((
+                    ray,
+                    number as u32,
+                    view.photo.get_pixel(x, y).0,
+                    outline.label(x, y),
+                    outline.vote(x, y),
+                ))
+            })
+            .collect();
         let mut batch = RayBatch::default();
-        for _ in 0..rays {
-            let (view, x, y) = self.pixel(scene, &mut random);
-            let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-            // A pixel that a lens can't unproject (its far corner, say) teaches nothing.
-            let Some(ray) = scene.views[view].ray(&self.poses[view], pixel) else {
-                continue;
-            };
-            let colour = scene.views[view].photo.get_pixel(x, y).0;
+        for (ray, view, colour, label, vote) in drawn {
             batch.rays.push(ray);
-            batch.views.push(view as u32);
+            batch.views.push(view);
             batch.colours.extend(colour.map(|c| f32::from(c) / 255.0));
-            batch.labels.push(scene.outlines[view].label(x, y));
-            batch.votes.push(scene.outlines[view].vote(x, y));
+            batch.labels.push(label);
+            batch.votes.push(vote);
         }
         batch
     }

@@ -6,12 +6,11 @@ use hashgrid::{GridConfig, GridLayout, LazyAdam};
 use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 
 use super::agreement::Agreement;
-use super::batch::BatchMarcher;
 use super::clock::StepClock;
 use super::grids::FieldGrids;
 use super::sampler::Sampler;
 use super::step::StepContext;
-use super::{OVERLAP, Trainer, adam, gradient_sinks};
+use super::{Trainer, adam, gradient_sinks};
 use crate::config::{Interpolation, TrainConfig, Transparency};
 use crate::device::{ChosenDevice, choose};
 use crate::prepare::Prepared;
@@ -99,6 +98,16 @@ pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
     }
 }
 
+/// Rays whose samples one task looks for: few on a CPU, where tasks run beside each other and their
+/// lists should stay in a core's cache; all at once on a GPU, where each look is a round trip.
+fn rays_per_task(device: &ChosenDevice) -> usize {
+    if device.largest_binding.is_some() {
+        usize::MAX
+    } else {
+        64
+    }
+}
+
 impl Trainer {
     /// A trainer at step 0.
     ///
@@ -135,14 +144,14 @@ impl Trainer {
             grids: FieldGrids::new(
                 config.sampling.occupancy_resolution,
                 &scene.map,
-                config.prepare.crop_threshold - OVERLAP,
+                config.prepare.crop_threshold,
             ),
+            rays_per_task: rays_per_task(&chosen),
             device_name: chosen.name,
             map: scene.map.clone(),
             votes: SurfaceVotes::new(scene.map.resolution()),
             agreement: Agreement::new(scene.views.len()),
             sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
-            marcher: BatchMarcher::default(),
             step: 0,
             rays: config.sampling.rays as f32,
             rate_scale: 1.0,

@@ -14,12 +14,12 @@ use sos_train::prepare::view::load_views;
 use sos_train::prepare::{Prepared, prepare};
 use sos_train::run_folder::{Existing, RunFolder};
 use sos_train::train::Trainer;
-use sos_train::train::batch::{BatchMarcher, Partition};
+use sos_train::train::batch::BatchMarcher;
 use sos_train::train::grids::FieldGrids;
 use sos_train::train::sampler::Sampler;
 use sos_train::train::schedule;
 use sos_train::train::setup::scene_config;
-use sos_train::train::step::{StepContext, loss};
+use sos_train::train::step::{Known, StepContext, loss};
 
 use crate::support::{GRADIENT, VALUE, assert_close, gpu, numbers};
 
@@ -80,7 +80,7 @@ fn step(data: &Prepared, config: &TrainConfig, device: &Device) -> Vec<(&'static
     let batch = Sampler::new(data, config.seed, 0.5).draw(data, STEP, RAYS);
     let crop = config.prepare.crop_threshold;
     let grids = FieldGrids::new(32, &data.map, crop);
-    let marched = BatchMarcher::default().march(
+    let mut marched = BatchMarcher::default().march(
         &batch.rays,
         Grids {
             object: Some(&grids.object),
@@ -91,16 +91,22 @@ fn step(data: &Prepared, config: &TrainConfig, device: &Device) -> Vec<(&'static
             background_samples: 16,
             ..MarchConfig::default()
         },
-        Partition {
-            map: &data.map,
-            hull: crop,
-            crop,
-        },
+        grids.partition(&data.map, true),
     );
+    marched.background.look_up(&data.map);
     assert!(!marched.object.is_empty() && !marched.background.is_empty());
     let schedule = schedule::at(config, STEP, context.object_layout.levels.len());
     let (total, losses) = loss(
-        &context, &scene, &sharpness, &batch, &marched, None, schedule,
+        &context,
+        &scene,
+        &sharpness,
+        &batch,
+        &marched,
+        Known {
+            spread: None,
+            mask_trust: &[],
+        },
+        schedule,
     )
     .unwrap();
     let grads = total.backward();

@@ -13,7 +13,7 @@ pub mod fusion;
 
 use scene_decomp::probability::ProbabilityMap;
 
-use super::{OVERLAP, Trainer};
+use super::Trainer;
 use crate::prepare::Prepared;
 
 /// Rays whose depths are fused, in all views together, at most.
@@ -52,6 +52,6 @@ impl Trainer {
             near,
         };
         self.fit_object(data, &shape);
-        self.grids.allow(&self.map, crop - OVERLAP);
+        self.grids.allow(&self.map, crop);
     }
 }

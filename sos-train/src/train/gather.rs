@@ -1,0 +1,182 @@
+//! From a batch of rays to the samples that a step learns from.
+//!
+//! Rays are marched, looked along and thinned out a few at a time, so that all cores work and what a
+//! task holds stays in its core's cache. Only the samples that light reaches leave the task.
+
+use glam::Vec3;
+use neus_render::composite::Packing;
+use neus_render::march::{Grids, Jitter, MarchConfig};
+use neus_render::rays::Ray;
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+
+use super::batch::{BatchMarcher, FieldSamples, MarchedBatch, Partition};
+use super::distortion::{self, Spread};
+use super::sampler::RayBatch;
+use super::visible::{FrozenFields, Look, Representatives};
+use crate::config::{AlphaSource, Blend, TrainConfig, Transparency};
+use crate::prepare::Label;
+
+/// Lighter samples do not vote.
+const LEAST_VOTE: f32 = 0.02;
+
+/// How rays become samples.
+#[derive(Clone, Copy)]
+pub(super) struct Rules<'a> {
+    pub(super) config: &'a TrainConfig,
+    pub(super) grids: Grids<'a>,
+    pub(super) march: MarchConfig,
+    pub(super) partition: Partition<'a>,
+    pub(super) cos_anneal: f32,
+    /// Whether the samples' spread is wanted.
+    pub(super) spread: bool,
+    /// Seeds the raster and the choice of samples; another one for every step.
+    pub(super) seed: u64,
+    /// Rays that one task takes.
+    pub(super) chunk: usize,
+}
+
+/// What a step learns from, and what was found on the way.
+#[derive(Debug, Default)]
+pub(super) struct Gathered {
+    pub(super) marched: MarchedBatch,
+    pub(super) spread: Option<Spread>,
+    /// The visible object's share of each pixel, `[rays]`.
+    pub(super) mattes: Vec<f32>,
+    pub(super) votes: Vec<SurfaceVote>,
+}
+
+/// A point that a pixel sees, for or against the object.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SurfaceVote {
+    pub(super) point: Vec3,
+    pub(super) weight: f32,
+    pub(super) object: bool,
+}
+
+/// Gathers the samples of `batch`. The result does not depend on the number of threads.
+pub(super) fn gather(batch: &RayBatch, fields: &FrozenFields, rules: Rules<'_>) -> Gathered {
+    let parts: Vec<Gathered> = batch
+        .rays
+        .par_chunks(rules.chunk)
+        .enumerate()
+        .map_init(BatchMarcher::default, |marcher, (number, rays)| {
+            let first = number * rules.chunk;
+            gather_chunk(batch, first, rays, fields, rules, marcher)
+        })
+        .collect();
+    join(parts, rules.spread)
+}
+
+/// The rays from number `first` on.
+fn gather_chunk(
+    batch: &RayBatch,
+    first: usize,
+    rays: &[Ray],
+    fields: &FrozenFields,
+    rules: Rules<'_>,
+    marcher: &mut BatchMarcher,
+) -> Gathered {
+    let config = rules.config;
+    let seed = rules.seed ^ (first as u64).wrapping_mul(0xd1b5_4a32_d192_ed03);
+    let march = MarchConfig {
+        jitter: Jitter::Seeded(seed),
+        ..rules.march
+    };
+    let marched = marcher.march(rays, rules.grids, &march, rules.partition);
+    // Where the background is asked for by itself, it has to be complete behind the object too.
+    let both_alone = config.model.blend == Blend::Ray || config.model.alpha == AlphaSource::Head;
+    let alone = |ray: usize| both_alone || batch.labels[first + ray] == Label::Background;
+    let look = fields.look(&marched, config, rules.cos_anneal, alone);
+    let object_rows = look.object_reached();
+    let drawn = match config.model.background {
+        Transparency::Sdf => Representatives::all(
+            look.background_reached(|i| alone(marched.background.ray[i] as usize)),
+        ),
+        Transparency::Density => {
+            let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x00d4_a3e1);
+            look.background_drawn(&marched, alone, &mut random)
+        }
+    };
+    let spread = rules
+        .spread
+        .then(|| distortion::spread(&marched, &look).select(&object_rows, &drawn.rows));
+    let mut mattes = vec![0.0f32; rays.len()];
+    for (ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
+        mattes[*ray as usize] += seen.weight;
+    }
+    let votes = votes(batch, first, &marched, &look);
+    let mut marched = marched.keep(&object_rows, &drawn.rows);
+    marched.background.stretch = drawn.stretch;
+    marched.background.look_up(rules.partition.map);
+    Gathered {
+        marched,
+        spread,
+        mattes,
+        votes,
+    }
+}
+
+/// What the pixels' masks say of the points that they see.
+fn votes(batch: &RayBatch, first: usize, marched: &MarchedBatch, look: &Look) -> Vec<SurfaceVote> {
+    let mut votes = Vec::new();
+    for (samples, visibility) in [
+        (&marched.object, &look.visibility.object),
+        (&marched.background, &look.visibility.background),
+    ] {
+        for (i, seen) in visibility.iter().enumerate() {
+            if seen.weight < LEAST_VOTE {
+                continue;
+            }
+            if let Some(vote) = batch.votes[first + samples.ray[i] as usize] {
+                votes.push(SurfaceVote {
+                    // In the box BaCo's contracted space is the box's own.
+                    point: Vec3::from_slice(&samples.points[3 * i..]),
+                    weight: seen.weight * vote.weight,
+                    object: vote.object,
+                });
+            }
+        }
+    }
+    votes
+}
+
+/// One batch of all parts, in their order.
+fn join(parts: Vec<Gathered>, spread: bool) -> Gathered {
+    let total = |count: fn(&MarchedBatch) -> usize| -> usize {
+        parts.iter().map(|part| count(&part.marched)).sum()
+    };
+    let intervals = total(|m| m.packing.interval_count());
+    let mut object = FieldSamples::with_capacity(total(|m| m.object.len()));
+    let mut background = FieldSamples::with_capacity(total(|m| m.background.len()));
+    let mut offsets = vec![0];
+    let (mut t, mut dt) = (Vec::with_capacity(intervals), Vec::with_capacity(intervals));
+    let (mut object_intervals, mut background_intervals) = (Vec::new(), Vec::new());
+    let mut out = Gathered {
+        spread: spread.then(Spread::default),
+        ..Gathered::default()
+    };
+    for part in parts {
+        let packing = &part.marched.packing;
+        let (ray, interval) = (out.mattes.len() as u32, t.len() as u32);
+        offsets.extend(packing.ray_offsets()[1..].iter().map(|end| end + interval));
+        t.extend_from_slice(packing.t());
+        dt.extend_from_slice(packing.dt());
+        object_intervals.extend(packing.object().iter().map(|i| i + interval));
+        background_intervals.extend(packing.background().iter().map(|i| i + interval));
+        object.append(&part.marched.object, ray);
+        background.append(&part.marched.background, ray);
+        if let (Some(all), Some(spread)) = (&mut out.spread, part.spread) {
+            all.append(spread);
+        }
+        out.mattes.extend(part.mattes);
+        out.votes.extend(part.votes);
+    }
+    out.marched = MarchedBatch {
+        packing: Packing::new(offsets, t, dt, object_intervals, background_intervals),
+        object,
+        background,
+    };
+    out
+}
