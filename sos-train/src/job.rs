@@ -2,6 +2,7 @@
 //! training loop.
 
 use crate::config::TrainConfig;
+use crate::discover::Hint;
 use crate::run_folder::RunFolder;
 use io_colmap::{MaskSet, Polarity, Scene};
 use std::path::PathBuf;
@@ -23,6 +24,8 @@ pub struct TrainJob {
     pub scene: Scene,
     /// What lies in `masks_dir`, found and matched.
     pub masks: Option<MaskSet>,
+    /// Where the object is, for a run whose masks are fewer than two.
+    pub hint: Hint,
     /// Where everything goes.
     pub run: RunFolder,
     /// Go on from the run's checkpoint.
@@ -39,6 +42,8 @@ pub struct TrainJob {
 pub enum TrainOutcome {
     /// Trained and exported to the end.
     Finished,
+    /// Stopped at the user's wish while still looking for the object: there is nothing to go on from.
+    NotBegun,
     /// Stopped at the user's wish; a checkpoint is saved.
     Interrupted {
         /// The step the run goes on from.

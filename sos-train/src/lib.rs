@@ -31,6 +31,8 @@
 //!     out: "/runs/cat".into(),
 //!     demo: false,
 //!     imported_from: None,
+//!     click: None,
+//!     object_box: None,
 //! };
 //! let record = RunRecord::new(config, input);
 //! assert_eq!(RunRecord::from_toml(&record.to_toml()?)?, record);
@@ -40,6 +42,7 @@
 pub mod cli;
 pub mod config;
 pub mod device;
+pub mod discover;
 pub mod error;
 pub mod export;
 pub mod job;

@@ -18,13 +18,14 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Folders of one picture per view, with the ending of the files in them.
-const VIEW_FOLDERS: [(&str, &str); 6] = [
+const VIEW_FOLDERS: [(&str, &str); 7] = [
     ("alpha", "png"),
     ("foreground", "png"),
     ("background", "png"),
     ("background_seen", "png"),
     ("normal", "png"),
     ("depth", "exr"),
+    ("found_masks", "png"),
 ];
 const CHECKPOINT: &str = "checkpoint";
 const CONFIG: &str = "config.toml";
@@ -236,6 +237,12 @@ impl RunFolder {
     #[must_use]
     pub fn depth_dir(&self) -> PathBuf {
         self.root.join("depth")
+    }
+
+    /// `found_masks/`: rough masks that the run found by itself, 8-bit grey; only where it had to.
+    #[must_use]
+    pub fn found_masks_dir(&self) -> PathBuf {
+        self.root.join("found_masks")
     }
 
     /// `checkpoint/`; while one is saved, `checkpoint.new/` and `checkpoint.old/` may lie beside it.

@@ -1,6 +1,7 @@
 //! The command line.
 
 use crate::config::{MaskPolarity, Preset};
+use crate::discover::hint::{Click, WorldBox};
 use clap::{ArgAction, Args, Parser, Subcommand};
 use std::path::PathBuf;
 
@@ -68,6 +69,12 @@ pub struct TrainArgs {
     /// Colour of the object in the masks: white or black [default: detected].
     #[arg(long, value_enum, value_name = "COLOUR", hide_possible_values = true)]
     pub polarity: Option<MaskPolarity>,
+    /// Without masks: a pixel of a photo that shows the object, VIEW:X,Y [default: what the cameras look at].
+    #[arg(long, value_name = "VIEW:X,Y", conflicts_with = "object_box")]
+    pub click: Option<Click>,
+    /// Without masks: a box around the object in the scene's frame, X0,Y0,Z0,X1,Y1,Z1.
+    #[arg(long = "box", value_name = "BOX", allow_hyphen_values = true)]
+    pub object_box: Option<WorldBox>,
     /// Folder for the results [default: runs/NAME_OF_SCENE].
     #[arg(long, value_name = "RUN")]
     pub out: Option<PathBuf>,

@@ -2,6 +2,7 @@
 
 use super::{TrainArgs, answer};
 use crate::config::{InputRecord, MaskPolarity, RunRecord, TrainConfig};
+use crate::discover::hint::{Click, WorldBox};
 use crate::error::InputError;
 use crate::run_folder::{RunError, RunFolder};
 use anyhow::Context as _;
@@ -26,6 +27,8 @@ pub(super) struct Plan {
     pub(super) polarity: Option<MaskPolarity>,
     /// What the scene was made from, if the run to go on with made it.
     pub(super) imported_from: Option<PathBuf>,
+    pub(super) click: Option<Click>,
+    pub(super) object_box: Option<WorldBox>,
     pub(super) out: PathBuf,
 }
 
@@ -107,6 +110,11 @@ impl Plan {
             },
             (None, _) => MaskSource::Look,
         };
+        let hints = recorded
+            .as_ref()
+            .filter(|_| args.click.is_none() && args.object_box.is_none())
+            .map(|input| (input.click.clone(), input.object_box))
+            .unwrap_or((args.click.clone(), args.object_box));
         let polarity = args.polarity.or(recorded.and_then(|input| input.polarity));
         Ok(Self {
             config,
@@ -115,6 +123,8 @@ impl Plan {
             label: args.label.filter(|_| imported_from.is_none()),
             polarity,
             imported_from,
+            click: hints.0,
+            object_box: hints.1,
             out,
         })
     }
@@ -193,11 +203,10 @@ fn read_record(path: &Path) -> anyhow::Result<RunRecord> {
 
 /// What `config.toml` says about the input. Paths are absolute, so that they hold from anywhere.
 pub(super) fn record_input(
+    plan: &Plan,
     scene: &Path,
     masks: Option<&Path>,
     polarity: Option<MaskPolarity>,
-    out: &Path,
-    demo: bool,
     imported_from: Option<&Path>,
 ) -> InputRecord {
     let full = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
@@ -205,9 +214,11 @@ pub(super) fn record_input(
         scene: full(scene),
         masks: masks.map(full),
         polarity,
-        out: full(out),
-        demo,
+        out: full(&plan.out),
+        demo: plan.source == Source::Demo,
         imported_from: imported_from.map(full),
+        click: plan.click.clone(),
+        object_box: plan.object_box,
     }
 }
 

@@ -4,6 +4,7 @@ use super::import::{Imported, import_for_run, is_ready};
 use super::input::{Plan, Source, generate_demo, mask_folder, owns_scene, record_input};
 use super::{TrainArgs, answer, evaluate, program};
 use crate::config::{MaskPolarity, RunRecord};
+use crate::discover::Hint;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK};
 use crate::export::check_names;
 use crate::job::{TrainJob, TrainOutcome};
@@ -43,6 +44,16 @@ pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
     let run = ready.run.clone();
     match start(args, plan, ready, &screen) {
         Ok(TrainOutcome::Finished) => finish(&run, demo, &screen).map(|()| EXIT_OK),
+        Ok(TrainOutcome::NotBegun) => {
+            if !args.resume {
+                run.abandon(owns_scene)?;
+            }
+            let _ = writeln!(
+                std::io::stderr(),
+                "stopped while looking for the object; nothing is left to go on from"
+            );
+            Ok(EXIT_INTERRUPTED)
+        }
         Ok(TrainOutcome::Interrupted { step }) => {
             let _ = writeln!(
                 std::io::stderr(),
@@ -134,11 +145,10 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
         .map(|imported| imported.from)
         .or_else(|| plan.imported_from.clone());
     let input = record_input(
+        plan,
         &scene_dir,
         masks_dir.as_deref(),
         polarity,
-        &plan.out,
-        demo,
         imported_from.as_deref(),
     );
     let config = RunRecord::new(plan.config.clone(), input).to_toml()?;
@@ -211,6 +221,11 @@ fn start(
         polarity: ready.polarity.map(Into::into),
         scene: ready.scene,
         masks: ready.masks,
+        hint: match (plan.click, plan.object_box) {
+            (Some(click), _) => Hint::Click(click),
+            (None, Some(object_box)) => Hint::Box(object_box),
+            (None, None) => Hint::Nothing,
+        },
         run: ready.run,
         resume: args.resume,
         quiet: args.quiet,

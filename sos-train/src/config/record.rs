@@ -2,6 +2,7 @@
 
 use super::overlay::one_line;
 use super::{ConfigError, Preset, TrainConfig};
+use crate::discover::hint::{Click, WorldBox};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use toml::{Table, Value};
@@ -34,7 +35,7 @@ impl From<MaskPolarity> for io_colmap::Polarity {
 }
 
 /// What a run was given.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InputRecord {
     /// The scene's folder, absolute.
@@ -54,6 +55,12 @@ pub struct InputRecord {
     /// it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub imported_from: Option<PathBuf>,
+    /// A pixel that shows the object, for a run without masks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub click: Option<Click>,
+    /// A box around the object, for a run without masks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub object_box: Option<WorldBox>,
 }
 
 impl InputRecord {

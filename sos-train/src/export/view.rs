@@ -7,6 +7,7 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, SmallVec, Text,
     WritableImage as _,
 };
+use image::GrayImage;
 use png::{BitDepth, ColorType};
 use std::collections::HashMap;
 use std::io::{self, BufWriter, Cursor, Write as _};
@@ -19,6 +20,7 @@ const FOREGROUND: &str = "straight (not premultiplied) alpha; colours are the ob
 const BACKGROUND: &str = "the scene without the object";
 const SEEN: &str = "number of views that saw what the background picture shows";
 const NORMAL: &str = "unit normal in the world frame, (n + 1) / 2; black: no surface";
+const FOUND_MASK: &str = "rough mask found without help; white is the object";
 const DEPTH: &str = "Z: depth along the optical axis in scene units; 0: nothing there";
 
 /// The final render of one view. All vectors have `width * height` entries, rows from the top.
@@ -116,6 +118,23 @@ pub fn write_view(run: &RunFolder, view: &ViewRender) -> Result<(), ExportError>
     }
     let path = view_file(&run.depth_dir(), &view.name, "exr");
     Ok(run.write(&path, |out| write_depth(out, view))?)
+}
+
+/// Writes a rough mask that the run found by itself.
+///
+/// # Errors
+/// [`ExportError::Run`] naming the file that could not be written.
+pub fn write_found_mask(run: &RunFolder, name: &str, mask: &GrayImage) -> Result<(), ExportError> {
+    Picture {
+        width: mask.width(),
+        height: mask.height(),
+        kind: ColorType::Grayscale,
+        depth: BitDepth::Eight,
+        meaning: Meaning::Data,
+        remark: FOUND_MASK,
+        bytes: mask.as_raw(),
+    }
+    .write(run, &view_file(&run.found_masks_dir(), name, "png"))
 }
 
 /// Checks that no two photos would write to the same files.

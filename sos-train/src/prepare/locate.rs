@@ -97,6 +97,29 @@ pub fn box_from_cameras(views: &[TrainView]) -> Result<Frame, PrepareError> {
     Ok(Frame { centre, half_side })
 }
 
+/// How far along a ray, in its direction's lengths, it comes nearest to where the cameras look.
+///
+/// # Errors
+/// When that is nowhere.
+pub fn closest_to_ray(
+    views: &[TrainView],
+    origin: DVec3,
+    direction: DVec3,
+) -> Result<f64, PrepareError> {
+    let outlines: Vec<Outline> = views.iter().filter_map(Outline::of_axis).collect();
+    let centre = closest_to_rays(&outlines)?;
+    let along = (centre - origin).dot(direction) / direction.length_squared();
+    if along > 0.0 {
+        Ok(along)
+    } else {
+        Err(PrepareError::Scene(
+            "nothing tells how far away the object is: the cameras' axes meet behind the one that \
+             shows it, and no sparse point is near; give masks for more photos"
+                .into(),
+        ))
+    }
+}
+
 /// What one mask says about direction and size.
 struct Outline {
     origin: DVec3,

@@ -65,10 +65,17 @@ impl ReportInputs {
             },
             other => other.clone(),
         };
+        // Masks that the run found are what it started from.
+        let found = run.found_masks_dir();
+        let (masks_dir, polarity) = if found.is_dir() {
+            (Some(found), Some(MaskPolarity::White))
+        } else {
+            (masks_dir, input.polarity)
+        };
         let scene = Scene::open(&scene_dir)?;
         let masks = masks_dir
             .as_deref()
-            .map(|dir| MaskSet::find(dir, &scene, input.polarity.map(MaskPolarity::into)))
+            .map(|dir| MaskSet::find(dir, &scene, polarity.map(MaskPolarity::into)))
             .transpose()?;
         let log = read_log(run)?;
         Ok(Self {

@@ -5,17 +5,19 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use anyhow::Result;
+use io_colmap::{MaskSet, Polarity};
 use neus_render::rays::Ray;
 use rayon::prelude::*;
 
 use super::Trainer;
 use super::sampler::Sampler;
 use crate::config::TrainConfig;
-use crate::export::{LogRecord, TrainLog, write_mesh, write_view};
+use crate::discover::{Hint, find_object};
+use crate::export::{LogRecord, TrainLog, write_found_mask, write_mesh, write_view};
 use crate::job::{TrainJob, TrainOutcome};
 use crate::prepare::error::PrepareError;
 use crate::prepare::view::load_views;
-use crate::prepare::{Prepared, prepare};
+use crate::prepare::{Prepared, TrainView, prepare};
 use crate::progress::{Progress, ProgressState};
 use crate::render::rays::FrozenScene;
 use crate::render::survey::Survey;
@@ -50,7 +52,9 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     {
         progress.note(note);
     }
-    let views = load_views(&job.scene, job.masks.as_ref())?;
+    let Some((views, found)) = masked_views(job, &progress)? else {
+        return Ok(TrainOutcome::NotBegun);
+    };
     let data = prepare(
         views,
         &job.scene.model.points,
@@ -77,6 +81,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
                 .scene
                 .notes
                 .iter()
+                .chain(&found)
                 .chain(&data.notes)
                 .map(String::as_str);
             for note in notes {
@@ -113,6 +118,57 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         ],
     )?;
     Ok(TrainOutcome::Finished)
+}
+
+/// The photos with rough masks: those given, or where that is one at most, those that the search for
+/// the object came up with, and what it has to say. `None` when it was interrupted.
+fn masked_views(
+    job: &TrainJob,
+    progress: &Progress,
+) -> Result<Option<(Vec<TrainView>, Vec<String>)>> {
+    let found = job.run.found_masks_dir();
+    if job.resume && found.is_dir() {
+        let masks = MaskSet::find(&found, &job.scene, Some(Polarity::WhiteIsObject))?;
+        return Ok(Some((load_views(&job.scene, Some(&masks))?, Vec::new())));
+    }
+    let mut views = load_views(&job.scene, job.masks.as_ref())?;
+    let with_mask: Vec<usize> = (0..views.len())
+        .filter(|&i| views[i].mask.is_some())
+        .collect();
+    let hint = match with_mask.as_slice() {
+        [] => job.hint.clone(),
+        &[view] => match views[view].mask.clone() {
+            Some(mask) => Hint::Mask { view, mask },
+            None => Hint::Nothing,
+        },
+        _ => return Ok(Some((views, Vec::new()))),
+    };
+    let mut stage = None;
+    let discovery = find_object(
+        &views,
+        &job.scene.model.points,
+        &hint,
+        &job.config,
+        &job.interrupt,
+        |_, steps| {
+            stage
+                .get_or_insert_with(|| progress.stage("looking for the object", steps as usize))
+                .advance();
+        },
+    )?;
+    drop(stage);
+    let Some(discovery) = discovery else {
+        return Ok(None);
+    };
+    for note in &discovery.notes {
+        progress.note(note);
+    }
+    for (view, mask) in views.iter_mut().zip(discovery.masks) {
+        let mask = view.mask.take().unwrap_or(mask);
+        write_found_mask(&job.run, &view.name, &mask)?;
+        view.mask = Some(mask);
+    }
+    Ok(Some((views, discovery.notes)))
 }
 
 fn train(

@@ -14,6 +14,8 @@ fn input() -> InputRecord {
         out: "/runs/cat".into(),
         demo: false,
         imported_from: None,
+        click: None,
+        object_box: None,
     }
 }
 

@@ -34,6 +34,8 @@ pub(crate) fn run(dir: &Path, demo: bool) -> (&'static DemoScene, RunFolder) {
         out: run.root().to_path_buf(),
         demo,
         imported_from: None,
+        click: None,
+        object_box: None,
     };
     run.set_config(
         RunRecord::new(TrainConfig::default(), input)

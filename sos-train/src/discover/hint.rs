@@ -1,0 +1,267 @@
+//! What the user says about the object when there are no masks, and what follows from it.
+
+use glam::{DVec2, DVec3, Vec2, Vec3};
+use image::GrayImage;
+use io_colmap::SparsePoint;
+use serde::{Deserialize, Serialize};
+
+use super::parts::{PartSet, Parts};
+use super::region;
+use crate::prepare::error::PrepareError;
+use crate::prepare::{Frame, Prepared, TrainView};
+use crate::train::carve::depth::DepthPicture;
+
+/// Share of a part's visible pixels that the one mask must cover.
+const COVERED: f32 = 0.5;
+
+/// Where the object is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Hint {
+    /// Where the cameras look.
+    #[default]
+    Nothing,
+    /// At a pixel of a photo.
+    Click(Click),
+    /// In a box of the scene's frame.
+    Box(WorldBox),
+    /// In the mask of one view, by its number.
+    Mask {
+        /// The view's number.
+        view: usize,
+        /// White is the object, of the photo's size.
+        mask: GrayImage,
+    },
+}
+
+/// A pixel of a photo.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Click {
+    /// The photo's name, or its stem.
+    pub view: String,
+    /// From the left edge, in pixels of the photo.
+    pub x: f64,
+    /// From the upper edge.
+    pub y: f64,
+}
+
+/// A box along the axes of the scene's frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WorldBox {
+    /// The smallest coordinates.
+    pub low: [f64; 3],
+    /// The largest.
+    pub high: [f64; 3],
+}
+
+impl std::str::FromStr for Click {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("{text:?} is not VIEW:X,Y, as in 0012.jpg:640,360");
+        let (view, pixel) = text.rsplit_once(':').ok_or_else(wrong)?;
+        let (x, y) = pixel.split_once(',').ok_or_else(wrong)?;
+        let number = |text: &str| text.trim().parse::<f64>().ok().filter(|v| v.is_finite());
+        match (number(x), number(y)) {
+            (Some(x), Some(y)) if !view.is_empty() => Ok(Self {
+                view: view.to_owned(),
+                x,
+                y,
+            }),
+            _ => Err(wrong()),
+        }
+    }
+}
+
+impl std::str::FromStr for WorldBox {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || {
+            format!(
+                "{text:?} is not X0,Y0,Z0,X1,Y1,Z1 with each of the first three below its partner"
+            )
+        };
+        let numbers: Vec<f64> = text
+            .split(',')
+            .map(|part| part.trim().parse::<f64>().ok().filter(|v| v.is_finite()))
+            .collect::<Option<_>>()
+            .ok_or_else(wrong)?;
+        match numbers.as_slice() {
+            &[x0, y0, z0, x1, y1, z1] if x0 < x1 && y0 < y1 && z0 < z1 => Ok(Self {
+                low: [x0, y0, z0],
+                high: [x1, y1, z1],
+            }),
+            _ => Err(wrong()),
+        }
+    }
+}
+
+impl Click {
+    /// The number of the view it is in.
+    fn find(&self, views: &[TrainView]) -> Result<usize, PrepareError> {
+        let stem = |name: &str| {
+            let file = name.rsplit('/').next().unwrap_or(name);
+            file.rsplit_once('.')
+                .map_or(file, |(stem, _)| stem)
+                .to_owned()
+        };
+        let number = views
+            .iter()
+            .position(|view| view.name == self.view)
+            .or_else(|| {
+                views
+                    .iter()
+                    .position(|view| stem(&view.name) == stem(&self.view))
+            })
+            .ok_or_else(|| {
+                PrepareError::Scene(format!(
+                    "--click {}: no photo of that name has a pose; names are like {}",
+                    self.view,
+                    views.first().map_or("001.jpg", |view| view.name.as_str())
+                ))
+            })?;
+        let (width, height) = (views[number].width(), views[number].height());
+        if !(0.0..f64::from(width)).contains(&self.x) || !(0.0..f64::from(height)).contains(&self.y)
+        {
+            return Err(PrepareError::Scene(format!(
+                "--click {}: ({}, {}) is outside the photo of {width} x {height} pixels",
+                self.view, self.x, self.y
+            )));
+        }
+        Ok(number)
+    }
+}
+
+impl Hint {
+    /// The region in which to look for the object.
+    ///
+    /// # Errors
+    /// When cameras and points do not determine one.
+    pub(super) fn region(
+        &self,
+        views: &[TrainView],
+        points: &[SparsePoint],
+    ) -> Result<Frame, PrepareError> {
+        match self {
+            Self::Nothing => region::of_cameras(views, points),
+            Self::Box(WorldBox { low, high }) => {
+                let (low, high) = (DVec3::from(*low), DVec3::from(*high));
+                Ok(Frame {
+                    centre: 0.5 * (low + high),
+                    half_side: 0.5 * (high - low).max_element(),
+                })
+            }
+            Self::Click(click) => {
+                let view = click.find(views)?;
+                region::at_pixel(views, points, view, DVec2::new(click.x, click.y), None)
+            }
+            Self::Mask { view, mask } => {
+                let (centre, radius) = centroid(mask).ok_or_else(|| {
+                    PrepareError::Scene(format!(
+                        "the mask of {} is empty, and there is no other",
+                        views[*view].name
+                    ))
+                })?;
+                region::at_pixel(views, points, *view, centre, Some(radius))
+            }
+        }
+    }
+
+    /// The parts that are the object.
+    pub(super) fn choose(
+        &self,
+        parts: &Parts,
+        data: &Prepared,
+        depths: &[DepthPicture],
+    ) -> Result<PartSet, PrepareError> {
+        let nothing = || {
+            PrepareError::Scene(
+                "without masks the object is what stands in the middle of the cameras' view, but \
+                 nothing stands out there; show it with a mask for one photo or more (--masks), or \
+                 with --click VIEW:X,Y"
+                    .to_owned(),
+            )
+        };
+        match self {
+            Self::Nothing => parts.most_central().ok_or_else(nothing),
+            Self::Box(_) => parts.all_large().ok_or_else(nothing),
+            Self::Click(click) => {
+                let view = click.find(&data.views)?;
+                let pixel = Vec2::new(click.x as f32, click.y as f32);
+                surface_at(data, depths, view, pixel)
+                    .and_then(|point| parts.at(point))
+                    .ok_or_else(|| {
+                        PrepareError::Scene(format!(
+                            "--click {}: nothing that stands out from the ground was found at \
+                             ({}, {}); click on the middle of the object, or give a mask",
+                            click.view, click.x, click.y
+                        ))
+                    })
+            }
+            Self::Mask { view, mask } => {
+                let photo = &data.views[*view];
+                let depth = &depths[*view];
+                let shown = super::masks::points(photo, &data.frame, depth);
+                let at = shown.map(|(pixel, point)| {
+                    let inside = mask.get_pixel(pixel.x as u32, pixel.y as u32).0[0] >= 128;
+                    (point, inside)
+                });
+                parts.mostly_covered(at, COVERED).ok_or_else(nothing)
+            }
+        }
+    }
+
+    /// For the note on the choice.
+    pub(super) fn reason(&self) -> &'static str {
+        match self {
+            Self::Nothing => "what stands in the middle of the cameras' view is",
+            Self::Click(_) => "what stands at the click is",
+            Self::Box(_) => "what stands in the box is",
+            Self::Mask { .. } => "what the one mask covers is",
+        }
+    }
+}
+
+/// The point that a pixel shows, in the normalised frame.
+fn surface_at(data: &Prepared, depths: &[DepthPicture], view: usize, pixel: Vec2) -> Option<Vec3> {
+    let photo = &data.views[view];
+    let ray = photo.ray(&photo.world_from_camera(&data.frame), pixel)?;
+    let distance = depths[view].at(pixel);
+    distance.is_finite().then(|| ray.at(distance))
+}
+
+/// Centre and radius of a mask's white, in pixels.
+fn centroid(mask: &GrayImage) -> Option<(DVec2, f64)> {
+    let (mut sum, mut area) = (DVec2::ZERO, 0.0);
+    for (x, y, value) in mask.enumerate_pixels() {
+        if value.0[0] >= 128 {
+            sum += DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            area += 1.0;
+        }
+    }
+    (area > 0.0).then(|| (sum / area, (area / std::f64::consts::PI).sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn clicks_and_boxes_are_read() {
+        let click: Click = "a/b:c.jpg:12.5, 7".parse().unwrap();
+        assert_eq!(
+            (click.view.as_str(), click.x, click.y),
+            ("a/b:c.jpg", 12.5, 7.0)
+        );
+        for wrong in ["", "a", "a:1", "a:1,x", ":1,2", "a:inf,2"] {
+            assert!(wrong.parse::<Click>().is_err(), "{wrong}");
+        }
+        let given: WorldBox = "-1,0,2.5, 1,2,3".parse().unwrap();
+        assert_eq!((given.low, given.high), ([-1.0, 0.0, 2.5], [1.0, 2.0, 3.0]));
+        for wrong in ["1,2,3", "1,0,0,0,1,1", "a,b,c,d,e,f", "0,0,0,1,1,nan"] {
+            assert!(wrong.parse::<WorldBox>().is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,303 @@
+//! The parts that are left of a scene when its support is taken away.
+
+use glam::Vec3;
+use scene_decomp::probability::ProbabilityMap;
+
+use super::plane::Plane;
+
+/// How much less a voxel counts with its distance from the middle: the deviation of a Gaussian.
+const CENTRAL: f32 = 0.45;
+/// What a part counts that goes on beyond the region.
+const CUT_OFF: f32 = 0.1;
+/// Share of a part's voxels at the border from which on it is taken to go on.
+const BORDER_SHARE: f32 = 0.02;
+/// Parts with less than this share of the chosen one's voxels are crumbs.
+const CRUMB: f32 = 0.002;
+/// Parts this close to the chosen one's bounds belong to it, in the normalised frame.
+const REACH: f32 = 0.04;
+/// Voxels of the smallest part worth a thought.
+const LEAST_VOXELS: usize = 40;
+
+/// Connected sets of seen solid voxels.
+#[derive(Debug)]
+pub struct Parts {
+    resolution: usize,
+    /// The part of each voxel, from 1 on; 0 is none.
+    labels: Vec<u32>,
+    /// By number, from 1 on.
+    parts: Vec<Part>,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Part {
+    voxels: usize,
+    border: usize,
+    /// Sum of how central its voxels are.
+    central: f32,
+    low: Vec3,
+    high: Vec3,
+}
+
+/// Voxels of the parts that were chosen, and those next to them.
+#[derive(Clone, Debug)]
+pub struct PartSet {
+    resolution: usize,
+    inside: Vec<bool>,
+}
+
+impl PartSet {
+    /// Whether a point of the normalised frame belongs to it.
+    #[must_use]
+    pub fn contains(&self, point: Vec3) -> bool {
+        voxel(point, self.resolution).is_some_and(|cell| self.inside[cell])
+    }
+}
+
+fn voxel(point: Vec3, n: usize) -> Option<usize> {
+    if point.is_nan() || point.abs().max_element() >= 1.0 {
+        return None;
+    }
+    let at = ((point * 0.5 + 0.5) * n as f32).as_usizevec3();
+    let [x, y, z] = at.to_array().map(|v| v.min(n - 1));
+    Some((z * n + y) * n + x)
+}
+
+impl Parts {
+    /// Of the fused distances `solid` `[resolution^3]`, what lies above all `planes`: only where some
+    /// view saw the surface close by, for what nobody saw is solid too.
+    #[must_use]
+    pub fn new(solid: &[f32], resolution: usize, planes: &[Plane]) -> Self {
+        let unseen = solid.iter().copied().fold(0.0, f32::min);
+        let free: Vec<bool> = solid
+            .iter()
+            .enumerate()
+            .map(|(cell, distance)| {
+                let seen = *distance < 0.0 && *distance > 0.999 * unseen;
+                seen && {
+                    let p = ProbabilityMap::centre(resolution, cell);
+                    planes.iter().all(|plane| plane.height(p) > plane.thickness)
+                }
+            })
+            .collect();
+        let mut out = Self {
+            resolution,
+            labels: vec![0; solid.len()],
+            parts: vec![Part::default()],
+        };
+        let mut stack = Vec::new();
+        for seed in 0..free.len() {
+            if free[seed] && out.labels[seed] == 0 {
+                out.collect(seed, &free, &mut stack);
+            }
+        }
+        out
+    }
+
+    /// All that is connected with the voxel `seed`, by faces, edges or corners.
+    fn collect(&mut self, seed: usize, free: &[bool], stack: &mut Vec<usize>) {
+        let number = self.parts.len() as u32;
+        let mut part = Part {
+            low: Vec3::INFINITY,
+            high: Vec3::NEG_INFINITY,
+            ..Part::default()
+        };
+        self.labels[seed] = number;
+        stack.push(seed);
+        while let Some(cell) = stack.pop() {
+            let p = ProbabilityMap::centre(self.resolution, cell);
+            part.voxels += 1;
+            part.border += usize::from(p.abs().max_element() > 0.97);
+            part.central += (-0.5 * p.length_squared() / (CENTRAL * CENTRAL)).exp();
+            part.low = part.low.min(p);
+            part.high = part.high.max(p);
+            for next in neighbours(cell, self.resolution) {
+                if free[next] && self.labels[next] == 0 {
+                    self.labels[next] = number;
+                    stack.push(next);
+                }
+            }
+        }
+        self.parts.push(part);
+    }
+
+    /// How many parts there are, crumbs left out.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.parts
+            .iter()
+            .filter(|part| part.voxels >= LEAST_VOXELS)
+            .count()
+    }
+
+    /// The largest part near the middle that ends within the region.
+    #[must_use]
+    pub fn most_central(&self) -> Option<PartSet> {
+        let score = |part: &Part| {
+            let cut = part.border as f32 > BORDER_SHARE * part.voxels as f32;
+            part.central * if cut { CUT_OFF } else { 1.0 }
+        };
+        (1..self.parts.len())
+            .filter(|&i| self.parts[i].voxels >= LEAST_VOXELS)
+            .max_by(|&a, &b| score(&self.parts[a]).total_cmp(&score(&self.parts[b])))
+            .map(|chosen| self.with_neighbours(&[chosen]))
+    }
+
+    /// All parts but crumbs.
+    #[must_use]
+    pub fn all_large(&self) -> Option<PartSet> {
+        let chosen: Vec<usize> = (1..self.parts.len())
+            .filter(|&i| self.parts[i].voxels >= LEAST_VOXELS)
+            .collect();
+        (!chosen.is_empty()).then(|| self.set(&chosen))
+    }
+
+    /// The part nearest to `point`, within a few voxels.
+    #[must_use]
+    pub fn at(&self, point: Vec3) -> Option<PartSet> {
+        let n = self.resolution;
+        let near = 3.0 * 2.0 / n as f32;
+        let mut best: Option<(f32, u32)> = None;
+        for (cell, &label) in self.labels.iter().enumerate() {
+            if label == 0 || self.parts[label as usize].voxels < LEAST_VOXELS {
+                continue;
+            }
+            let distance = ProbabilityMap::centre(n, cell).distance(point);
+            if distance < near.max(0.08) && best.is_none_or(|(least, _)| distance < least) {
+                best = Some((distance, label));
+            }
+        }
+        best.map(|(_, label)| self.with_neighbours(&[label as usize]))
+    }
+
+    /// The parts of which at least the share `least` of what one view shows is `inside` its mask.
+    pub fn mostly_covered(
+        &self,
+        shown: impl Iterator<Item = (Vec3, bool)>,
+        least: f32,
+    ) -> Option<PartSet> {
+        let mut counts = vec![[0u32; 2]; self.parts.len()];
+        for (point, inside) in shown {
+            let label = voxel(point, self.resolution).map_or(0, |cell| self.labels[cell]);
+            counts[label as usize][usize::from(inside)] += 1;
+        }
+        let chosen: Vec<usize> = (1..self.parts.len())
+            .filter(|&i| {
+                let [outside, inside] = counts[i];
+                inside > 0 && inside as f32 >= least * (inside + outside) as f32
+            })
+            .collect();
+        (!chosen.is_empty()).then(|| self.set(&chosen))
+    }
+
+    /// The chosen parts and smaller ones close by: thin things come apart.
+    fn with_neighbours(&self, chosen: &[usize]) -> PartSet {
+        let main = chosen.iter().map(|&i| &self.parts[i]);
+        let voxels: usize = main.clone().map(|part| part.voxels).sum();
+        let low = main.clone().fold(Vec3::INFINITY, |low, p| low.min(p.low)) - REACH;
+        let high = main.fold(Vec3::NEG_INFINITY, |high, p| high.max(p.high)) + REACH;
+        let all: Vec<usize> = (1..self.parts.len())
+            .filter(|&i| {
+                let part = &self.parts[i];
+                let within = part.low.cmpge(low).all() && part.high.cmple(high).all();
+                let whole = part.border as f32 <= BORDER_SHARE * part.voxels as f32;
+                chosen.contains(&i)
+                    || (within && whole && part.voxels as f32 > CRUMB * voxels as f32)
+            })
+            .collect();
+        self.set(&all)
+    }
+
+    /// The voxels of some parts and those next to them that belong to no other.
+    fn set(&self, chosen: &[usize]) -> PartSet {
+        let mut wanted = vec![false; self.parts.len()];
+        for &i in chosen {
+            wanted[i] = true;
+        }
+        let inside = (0..self.labels.len())
+            .map(|cell| match self.labels[cell] {
+                0 => {
+                    neighbours(cell, self.resolution).any(|next| wanted[self.labels[next] as usize])
+                }
+                label => wanted[label as usize],
+            })
+            .collect();
+        PartSet {
+            resolution: self.resolution,
+            inside,
+        }
+    }
+}
+
+/// The up to 26 voxels around one.
+fn neighbours(cell: usize, n: usize) -> impl Iterator<Item = usize> {
+    let at = [cell % n, cell / n % n, cell / (n * n)].map(|v| v as i64);
+    (0..27i64).filter(|k| *k != 13).filter_map(move |k| {
+        let to = [at[0] + k % 3 - 1, at[1] + k / 3 % 3 - 1, at[2] + k / 9 - 1];
+        to.iter()
+            .all(|v| (0..n as i64).contains(v))
+            .then(|| ((to[2] * n as i64 + to[1]) * n as i64 + to[0]) as usize)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    const N: usize = 48;
+
+    /// Shells of balls (centre, radius), nothing known within them.
+    fn shells(balls: &[(Vec3, f32)]) -> Vec<f32> {
+        (0..N.pow(3))
+            .map(|cell| {
+                let p = ProbabilityMap::centre(N, cell);
+                let d = balls
+                    .iter()
+                    .map(|(centre, radius)| p.distance(*centre) - radius)
+                    .fold(f32::INFINITY, f32::min);
+                d.clamp(-0.16, 0.16)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_central_part_is_chosen_and_others_on_request() {
+        let (near, far) = (Vec3::new(0.1, 0.0, 0.0), Vec3::new(0.6, 0.6, 0.1));
+        let solid = shells(&[(near, 0.3), (far, 0.25)]);
+        let parts = Parts::new(&solid, N, &[]);
+        assert_eq!(parts.count(), 2);
+        let on = |centre: Vec3, radius: f32| centre + Vec3::X * (radius - 0.03);
+        let central = parts.most_central().unwrap();
+        assert!(central.contains(on(near, 0.3)) && !central.contains(on(far, 0.25)));
+        let clicked = parts.at(on(far, 0.25)).unwrap();
+        assert!(clicked.contains(on(far, 0.25)) && !clicked.contains(on(near, 0.3)));
+        assert!(parts.at(Vec3::new(-0.8, -0.8, -0.8)).is_none());
+        let both = parts.all_large().unwrap();
+        assert!(both.contains(on(far, 0.25)) && both.contains(on(near, 0.3)));
+        let shown = [(on(near, 0.3), false), (on(far, 0.25), true)];
+        let covered = parts.mostly_covered(shown.into_iter(), 0.5).unwrap();
+        assert!(covered.contains(on(far, 0.25)) && !covered.contains(on(near, 0.3)));
+    }
+
+    #[test]
+    fn what_stands_on_a_plane_is_cut_off_it() {
+        let plane = Plane {
+            normal: Vec3::Z,
+            offset: -0.2,
+            thickness: 0.03,
+        };
+        let table = shells(&[(Vec3::new(0.0, 0.0, -9.2), 9.0), (Vec3::ZERO, 0.3)]);
+        assert_eq!(Parts::new(&table, N, &[]).count(), 1);
+        let parts = Parts::new(&table, N, &[plane]);
+        let found = parts.most_central().unwrap();
+        assert!(found.contains(Vec3::new(0.0, 0.0, 0.27)));
+        assert!(!found.contains(Vec3::new(0.7, 0.0, -0.22)));
+    }
+
+    #[test]
+    fn nothing_is_found_in_nothing() {
+        let parts = Parts::new(&vec![1.0; N.pow(3)], N, &[]);
+        assert!(parts.most_central().is_none() && parts.all_large().is_none());
+    }
+}

@@ -1,0 +1,319 @@
+//! The planes that things stand on or before: found by random samples (RANSAC, Fischler and Bolles
+//! 1981) among sparse points, or else among those of fused surfaces.
+
+use glam::{Mat3, Vec3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+/// A plane that is kept out of the object, all that is behind it included.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// Unit normal, towards the cameras.
+    pub normal: Vec3,
+    /// `normal . p` of its points.
+    pub offset: f32,
+    /// How far from it its points may be.
+    pub thickness: f32,
+}
+
+impl Plane {
+    /// Signed height above the plane.
+    #[must_use]
+    pub fn height(&self, point: Vec3) -> f32 {
+        self.normal.dot(point) - self.offset
+    }
+}
+
+/// Samples that are tried.
+const TRIALS: usize = 1500;
+/// Points that a trial is judged by.
+const JUDGES: usize = 3000;
+/// Points this near speak for a plane, in the normalised frame.
+const NEAR: f32 = 0.025;
+/// Bounds of a plane's thickness, and how many of its points' deviations it is: shiny tables come out
+/// uneven.
+const THICKNESS: [f32; 2] = [0.02, 0.06];
+const DEVIATIONS: f32 = 3.0;
+/// Share of all surface points that makes a plane.
+const LEAST_SHARE: f32 = 0.12;
+/// Share of its points that must lie at the region's border: a support goes on, an object's side ends.
+const LEAST_BORDER: f32 = 0.04;
+/// Where the border begins.
+const BORDER: f32 = 0.88;
+/// Share of the cameras that must be on its upper side.
+const LEAST_CAMERAS: f32 = 0.8;
+/// Sparse points this far from the region's middle tell of the ground.
+const AROUND: f32 = 2.5;
+/// Fewer say too little.
+const LEAST_POINTS: usize = 100;
+/// Triples that are tried.
+const GROUND_TRIALS: usize = 6000;
+/// Points this near lie on the ground, and this far below it they speak against it.
+const ON_GROUND: f32 = 0.012;
+const BELOW_GROUND: f32 = 0.06;
+/// Share of points on the ground that it takes, and below it that rules it out.
+const LEAST_ON: f32 = 0.04;
+const MOST_BELOW: f32 = 0.25;
+/// Planes that are looked for.
+const MOST_PLANES: usize = 3;
+
+/// Centres of the solid voxels that border on empty ones, of the fused distances `solid`
+/// `[resolution^3]`.
+#[must_use]
+pub fn surface_points(solid: &[f32], resolution: usize) -> Vec<Vec3> {
+    let n = resolution;
+    (0..solid.len())
+        .filter(|&cell| {
+            let [x, y, z] = [cell % n, cell / n % n, cell / (n * n)];
+            // Space beyond the region is not known to be empty.
+            let inner = |v: usize| v > 0 && v + 1 < n;
+            solid[cell] < 0.0
+                && inner(x)
+                && inner(y)
+                && inner(z)
+                && [1, n, n * n]
+                    .iter()
+                    .any(|step| solid[cell + step] > 0.0 || solid[cell - step] > 0.0)
+        })
+        .map(|cell| scene_decomp::probability::ProbabilityMap::centre(n, cell))
+        .collect()
+}
+
+/// The plane that a scene stands on, by its sparse points (normalised, also from around the region):
+/// many lie on it, hardly any below. Triangulated points are exact where surfaces learnt in a short
+/// time are not, on a polished table above all.
+#[must_use]
+pub fn ground(points: &[Vec3], cameras: &[Vec3], seed: u64) -> Option<Plane> {
+    let around: Vec<Vec3> = points
+        .iter()
+        .copied()
+        .filter(|p| p.length() < AROUND)
+        .collect();
+    if around.len() < LEAST_POINTS {
+        return None;
+    }
+    let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x0012_00d0);
+    let mut best: (f32, Option<Plane>) = (0.0, None);
+    for _ in 0..GROUND_TRIALS {
+        let [a, b, c]: [Vec3; 3] =
+            std::array::from_fn(|_| around[random.random_range(0..around.len())]);
+        let Some(plane) = through(a, b, c, cameras) else {
+            continue;
+        };
+        let (mut on, mut below) = (0.0, 0.0);
+        for p in &around {
+            let height = plane.height(*p);
+            on += f32::from(u8::from(height.abs() < ON_GROUND));
+            below += f32::from(u8::from(height < -BELOW_GROUND));
+        }
+        let score = on * (1.0 - below / (MOST_BELOW * around.len() as f32));
+        if score > best.0 && on >= LEAST_ON * around.len() as f32 {
+            best = (score, Some(plane));
+        }
+    }
+    best.1.map(|plane| Plane {
+        thickness: THICKNESS[0],
+        ..plane
+    })
+}
+
+/// The planes among `points` that the cameras are above of, largest first.
+#[must_use]
+pub fn support_planes(points: &[Vec3], cameras: &[Vec3], seed: u64) -> Vec<Plane> {
+    let mut left = points.to_vec();
+    let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x0009_1a4e);
+    let mut planes = Vec::new();
+    while planes.len() < MOST_PLANES {
+        let least = (LEAST_SHARE * points.len() as f32) as usize;
+        let Some(plane) = largest_plane(&left, cameras, least.max(32), &mut random) else {
+            break;
+        };
+        left.retain(|p| plane.height(*p).abs() > plane.thickness.max(NEAR));
+        planes.push(plane);
+    }
+    planes
+}
+
+fn largest_plane(
+    points: &[Vec3],
+    cameras: &[Vec3],
+    least: usize,
+    random: &mut Pcg64Mcg,
+) -> Option<Plane> {
+    if points.len() < least.max(3) {
+        return None;
+    }
+    let stride = (points.len() / JUDGES).max(1);
+    let judges: Vec<Vec3> = points.iter().copied().step_by(stride).collect();
+    let mut best: (usize, Option<Plane>) = (0, None);
+    for _ in 0..TRIALS {
+        let [a, b, c]: [Vec3; 3] =
+            std::array::from_fn(|_| points[random.random_range(0..points.len())]);
+        let Some(plane) = through(a, b, c, cameras) else {
+            continue;
+        };
+        let near = judges
+            .iter()
+            .filter(|p| plane.height(**p).abs() <= NEAR)
+            .count();
+        if near > best.0 && goes_on(&judges, &plane) {
+            best = (near, Some(plane));
+        }
+    }
+    let mut plane = best.1?;
+    for _ in 0..3 {
+        plane = fitted(points, &plane, cameras).unwrap_or(plane);
+    }
+    let mut heights: Vec<f32> = points
+        .iter()
+        .map(|p| plane.height(*p).abs())
+        .filter(|height| *height <= THICKNESS[1])
+        .collect();
+    heights.sort_by(f32::total_cmp);
+    let count = heights.partition_point(|height| *height <= NEAR);
+    // The median of absolute deviations, as a standard deviation.
+    let deviation = 1.48 * heights.get(heights.len() / 2)?;
+    plane.thickness = (DEVIATIONS * deviation).clamp(THICKNESS[0], THICKNESS[1]);
+    (count >= least).then_some(plane)
+}
+
+/// Whether enough of a plane's points lie at the region's border.
+fn goes_on(points: &[Vec3], plane: &Plane) -> bool {
+    let (mut all, mut border) = (0, 0);
+    for p in points.iter().filter(|p| plane.height(**p).abs() <= NEAR) {
+        all += 1;
+        border += u32::from(p.abs().max_element() > BORDER);
+    }
+    border as f32 >= LEAST_BORDER * all as f32
+}
+
+fn through(a: Vec3, b: Vec3, c: Vec3, cameras: &[Vec3]) -> Option<Plane> {
+    let normal = (b - a).cross(c - a).try_normalize()?;
+    towards(normal, normal.dot(a), cameras)
+}
+
+/// The plane with its normal on the cameras' side, if most of them are on one.
+fn towards(normal: Vec3, offset: f32, cameras: &[Vec3]) -> Option<Plane> {
+    let plane = Plane {
+        normal,
+        offset,
+        thickness: NEAR,
+    };
+    let above = cameras.iter().filter(|c| plane.height(**c) > 0.0).count();
+    let most = (LEAST_CAMERAS * cameras.len() as f32) as usize;
+    if above >= most {
+        Some(plane)
+    } else if cameras.len() - above >= most {
+        Some(Plane {
+            normal: -normal,
+            offset: -offset,
+            ..plane
+        })
+    } else {
+        None
+    }
+}
+
+/// Least squares through the points near `plane`.
+fn fitted(points: &[Vec3], plane: &Plane, cameras: &[Vec3]) -> Option<Plane> {
+    let near: Vec<Vec3> = points
+        .iter()
+        .copied()
+        .filter(|p| plane.height(*p).abs() <= NEAR)
+        .collect();
+    let mean = near.iter().sum::<Vec3>() / near.len().max(1) as f32;
+    let mut scatter = Mat3::ZERO;
+    for p in &near {
+        let d = *p - mean;
+        scatter += Mat3::from_cols(d * d.x, d * d.y, d * d.z);
+    }
+    // The normal is the direction of least scatter: the largest of what the trace leaves.
+    let trace = scatter.x_axis.x + scatter.y_axis.y + scatter.z_axis.z;
+    let rest = Mat3::from_diagonal(Vec3::splat(trace)) - scatter;
+    let mut normal = plane.normal;
+    for _ in 0..200 {
+        normal = (rest * normal).try_normalize()?;
+    }
+    towards(normal, normal.dot(mean), cameras)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn random_points(seed: u64, count: usize, make: impl Fn([f32; 3]) -> Vec3) -> Vec<Vec3> {
+        let mut random = Pcg64Mcg::seed_from_u64(seed);
+        (0..count)
+            .map(|_| make(std::array::from_fn(|_| random.random_range(-1.0f32..1.0))))
+            .collect()
+    }
+
+    #[test]
+    fn a_table_is_found_and_a_cube_on_it_is_not() {
+        let normal = Vec3::new(0.1, 0.9, -0.2).normalize();
+        let (u, v) = normal.any_orthonormal_pair();
+        let mut points = random_points(1, 4000, |[a, b, c]| {
+            a * u + b * v + (0.005 * c - 0.4) * normal
+        });
+        // The sides of a cube, none of which reaches the border.
+        for k in 0..3 {
+            points.extend(random_points(2 + k, 1200, |[a, b, c]| {
+                let mut p = 0.3 * Vec3::new(a, b, c);
+                p[k as usize] = 0.3 * c.signum();
+                p
+            }));
+        }
+        let cameras: Vec<Vec3> = (0..20)
+            .map(|i| 3.0 * (0.7 * normal + (i as f32).sin() * u + (i as f32).cos() * v))
+            .collect();
+        let planes = support_planes(&points, &cameras, 7);
+        assert_eq!(planes.len(), 1, "{planes:?}");
+        assert!(planes[0].normal.dot(normal) > 0.999, "{planes:?}");
+        assert!((planes[0].offset + 0.4).abs() < 0.01, "{planes:?}");
+    }
+
+    #[test]
+    fn the_ground_has_little_below_it() {
+        // A cluttered table: as many points on a book's cover above it, few mirrored below.
+        let mut points = random_points(4, 60, |[a, b, _]| Vec3::new(2.0 * a, 2.0 * b, -0.3));
+        points.extend(random_points(5, 70, |[a, b, _]| {
+            Vec3::new(0.4 * a, 0.4 * b, -0.1)
+        }));
+        points.extend(random_points(6, 400, |[a, b, c]| {
+            Vec3::new(a, b, 0.25 + 0.5 * c)
+        }));
+        points.extend(random_points(7, 8, |[a, b, c]| {
+            Vec3::new(a, b, -0.6 + 0.2 * c)
+        }));
+        let cameras: Vec<Vec3> = (0..12)
+            .map(|i| Vec3::new(2.0 * (i as f32).sin(), 2.0 * (i as f32).cos(), 1.5))
+            .collect();
+        let plane = ground(&points, &cameras, 3).unwrap();
+        assert!(plane.normal.z > 0.995, "{plane:?}");
+        assert!(
+            (plane.height(Vec3::new(0.0, 0.0, -0.3))).abs() < 0.02,
+            "{plane:?}"
+        );
+        assert_eq!(ground(&points[..50], &cameras, 3), None);
+    }
+
+    #[test]
+    fn a_ball_has_no_plane() {
+        let points = random_points(3, 5000, |p| Vec3::from(p).normalize_or(Vec3::X) * 0.9);
+        assert_eq!(support_planes(&points, &[Vec3::Z * 4.0], 1), []);
+        assert_eq!(support_planes(&[], &[Vec3::Z * 4.0], 1), []);
+    }
+
+    #[test]
+    fn surfaces_are_where_solid_meets_empty() {
+        let n = 8;
+        let solid: Vec<f32> = (0..n * n * n)
+            .map(|cell| if cell / (n * n) < 4 { -1.0 } else { 1.0 })
+            .collect();
+        let points = surface_points(&solid, n);
+        assert_eq!(points.len(), (n - 2) * (n - 2));
+        assert!(points.iter().all(|p| (p.z + 0.125).abs() < 1e-6));
+    }
+}
