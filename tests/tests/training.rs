@@ -2,10 +2,13 @@
 #![allow(clippy::unwrap_used)]
 
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use demo_scene::DemoConfig;
 use io_colmap::{MaskSet, Scene};
 use sos_train::config::{Preset, TrainConfig};
+use sos_train::discover::hint::Click;
+use sos_train::discover::{Discovery, Hint, find_object};
 use sos_train::prepare::view::load_views;
 use sos_train::prepare::{Prepared, prepare};
 use sos_train::run_folder::{Existing, RunFolder};
@@ -119,4 +122,53 @@ fn a_checkpoint_before_carving_resumes_to_the_same_bits() {
 #[test]
 fn a_checkpoint_after_carving_resumes_to_the_same_bits() {
     resumes_to_the_same_bits(30);
+}
+
+/// Mean overlap of masks with the true mattes of the tiny demo.
+fn overlap(found: &Discovery, truth: &demo_scene::DemoScene) -> f64 {
+    let overlaps = found.masks.iter().zip(&truth.views).map(|(mask, view)| {
+        let (mut both, mut either) = (0, 0);
+        for (mask, alpha) in mask.as_raw().iter().zip(view.alpha.as_raw()) {
+            let (own, true_one) = (*mask >= 128, *alpha >= 128);
+            both += u32::from(own && true_one);
+            either += u32::from(own || true_one);
+        }
+        f64::from(both) / f64::from(either.max(1))
+    });
+    overlaps.sum::<f64>() / found.masks.len() as f64
+}
+
+#[test]
+fn the_object_is_found_without_masks() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = demo_scene::generate(&DemoConfig::tiny());
+    truth.write(folder.path()).unwrap();
+    let scene = Scene::open(folder.path()).unwrap();
+    let views = load_views(&scene, None).unwrap();
+    let go_on = AtomicBool::new(false);
+    let config = small_config(2000);
+    let find = |hint: &Hint| {
+        let points = &scene.model.points;
+        find_object(&views, points, hint, &config, &go_on, |_, _| {})
+    };
+    let found = find(&Hint::Nothing).unwrap().unwrap();
+    let score = overlap(&found, &truth);
+    assert!(
+        score > 0.6,
+        "found with an IoU of {score}: {:?}",
+        found.notes
+    );
+
+    // A click outside the pictures, and on a photo that is not there.
+    for (view, x) in [(scene.model.views[0].name.as_str(), 1e4), ("none.jpg", 1.0)] {
+        let click = Click {
+            view: view.to_owned(),
+            x,
+            y: 1.0,
+        };
+        let error = find(&Hint::Click(click)).unwrap_err().to_string();
+        assert!(error.contains(view), "{error}");
+    }
+    go_on.store(true, Ordering::Relaxed);
+    assert!(find(&Hint::Nothing).unwrap().is_none());
 }

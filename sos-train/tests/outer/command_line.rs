@@ -87,6 +87,9 @@ fn the_command_line_itself_can_be_wrong() {
         &["train", "--steps", "many"],
         &["train", "--resume", "--force"],
         &["train", "--preset", "huge"],
+        &["train", "--click", "photo.jpg"],
+        &["train", "--box", "1,1,1,0,0,0"],
+        &["train", "--box", "0,0,0,1,1,1", "--click", "a.jpg:1,2"],
         &["eval", "run"],
     ] {
         assert_eq!(
