@@ -8,7 +8,7 @@ use hashgrid::GridLayout;
 
 use crate::colour_field::{ColourFieldInputs, ColourFieldWeights, colour_field};
 use crate::directions::colour_extra;
-use crate::sdf_field::{SdfFieldConfig, SdfFieldWeights, sdf_field};
+use crate::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, sdf_field};
 use crate::surface::Surface;
 
 /// A surface that answers for plain lists of points, without autodiff.
@@ -117,6 +117,20 @@ impl FrozenSurface {
             values: values(out),
             columns,
         }
+    }
+
+    /// Signed distances `[n]` alone of `points: [n, 3]`: no normals are computed.
+    #[must_use]
+    pub fn distances_of(&self, points: Vec<f32>) -> Vec<f32> {
+        if points.is_empty() {
+            return Vec::new();
+        }
+        let config = SdfFieldConfig {
+            normal: Normal::Zero,
+            ..self.config.clone()
+        };
+        let out = values(sdf_field(self.rows(points, 3), self.sdf.clone(), config));
+        out.chunks_exact(self.columns()).map(|row| row[0]).collect()
     }
 
     /// Colours `[n, C]` of points with the geometry that [`FrozenSurface::geometry`] returned.

@@ -1,8 +1,8 @@
 //! Finding the object without masks.
 //!
 //! A capture says what it is of by where its cameras look. So a background field learns the whole
-//! region of interest ([`region`]) for a while; its depths, fused, are solid shapes; the planes that
-//! things stand on are taken away ([`plane`]); and of the parts that remain, the object is the one in
+//! region of interest ([`region`]) for a while; its depths, fused, are solid shapes; the plane that
+//! things stand on is taken away ([`plane`]); and of the parts that remain, the object is the one in
 //! the middle, or the one that a hint points at ([`parts`]). Every view's pixels that show this part
 //! are its rough mask ([`masks`]), and from there on a run is like any other.
 //!
@@ -89,14 +89,11 @@ pub fn find_object(
         .iter()
         .map(|point| data.frame.normalised_from_world(point.position))
         .collect();
-    let planes = match plane::ground(&sparse, &cameras, config.seed) {
-        Some(ground) => vec![ground],
-        None => {
-            let surface = plane::surface_points(&solid, RESOLUTION);
-            plane::support_planes(&surface, &cameras, config.seed)
-        }
-    };
-    let parts = Parts::new(&solid, RESOLUTION, &planes);
+    let ground = plane::ground(&sparse, &cameras, config.seed).or_else(|| {
+        let surface = plane::surface_points(&solid, RESOLUTION);
+        plane::ground_of_surface(&surface, &cameras, config.seed)
+    });
+    let parts = Parts::new(&solid, RESOLUTION, ground.as_ref());
     let chosen = hint.choose(&parts, &data, &depths)?;
     let masks = data
         .views
@@ -106,15 +103,17 @@ pub fn find_object(
         .collect();
     let notes = vec![format!(
         "no masks: {} taken for the object, one of {} parts in the box around ({:.3}, {:.3}, {:.3}) \
-         of side {:.3}, with {} support plane{} left out; found_masks/ shows it",
+         of side {:.3}, {}; found_masks/ shows it",
         hint.reason(),
         parts.count(),
         data.frame.centre.x,
         data.frame.centre.y,
         data.frame.centre.z,
         2.0 * data.frame.half_side,
-        planes.len(),
-        if planes.len() == 1 { "" } else { "s" },
+        match ground {
+            Some(_) => "without the ground it stands on",
+            None => "where no ground was found",
+        },
     )];
     Ok(Some(Discovery { masks, notes }))
 }

@@ -63,10 +63,10 @@ fn voxel(point: Vec3, n: usize) -> Option<usize> {
 }
 
 impl Parts {
-    /// Of the fused distances `solid` `[resolution^3]`, what lies above all `planes`: only where some
+    /// Of the fused distances `solid` `[resolution^3]`, what lies above the `ground`: only where some
     /// view saw the surface close by, for what nobody saw is solid too.
     #[must_use]
-    pub fn new(solid: &[f32], resolution: usize, planes: &[Plane]) -> Self {
+    pub fn new(solid: &[f32], resolution: usize, ground: Option<&Plane>) -> Self {
         let unseen = solid.iter().copied().fold(0.0, f32::min);
         let free: Vec<bool> = solid
             .iter()
@@ -75,7 +75,7 @@ impl Parts {
                 let seen = *distance < 0.0 && *distance > 0.999 * unseen;
                 seen && {
                     let p = ProbabilityMap::centre(resolution, cell);
-                    planes.iter().all(|plane| plane.height(p) > plane.thickness)
+                    ground.is_none_or(|plane| plane.height(p) > plane.thickness)
                 }
             })
             .collect();
@@ -265,7 +265,7 @@ mod tests {
     fn the_central_part_is_chosen_and_others_on_request() {
         let (near, far) = (Vec3::new(0.1, 0.0, 0.0), Vec3::new(0.6, 0.6, 0.1));
         let solid = shells(&[(near, 0.3), (far, 0.25)]);
-        let parts = Parts::new(&solid, N, &[]);
+        let parts = Parts::new(&solid, N, None);
         assert_eq!(parts.count(), 2);
         let on = |centre: Vec3, radius: f32| centre + Vec3::X * (radius - 0.03);
         let central = parts.most_central().unwrap();
@@ -288,8 +288,8 @@ mod tests {
             thickness: 0.03,
         };
         let table = shells(&[(Vec3::new(0.0, 0.0, -9.2), 9.0), (Vec3::ZERO, 0.3)]);
-        assert_eq!(Parts::new(&table, N, &[]).count(), 1);
-        let parts = Parts::new(&table, N, &[plane]);
+        assert_eq!(Parts::new(&table, N, None).count(), 1);
+        let parts = Parts::new(&table, N, Some(&plane));
         let found = parts.most_central().unwrap();
         assert!(found.contains(Vec3::new(0.0, 0.0, 0.27)));
         assert!(!found.contains(Vec3::new(0.7, 0.0, -0.22)));
@@ -297,7 +297,7 @@ mod tests {
 
     #[test]
     fn nothing_is_found_in_nothing() {
-        let parts = Parts::new(&vec![1.0; N.pow(3)], N, &[]);
+        let parts = Parts::new(&vec![1.0; N.pow(3)], N, None);
         assert!(parts.most_central().is_none() && parts.all_large().is_none());
     }
 }

@@ -24,18 +24,21 @@ impl Plane {
     }
 }
 
-/// Samples that are tried.
-const TRIALS: usize = 1500;
-/// Points that a trial is judged by.
-const JUDGES: usize = 3000;
+/// Points of surfaces that are tried, and by how many each is judged.
+const SURFACE_TRIALS: usize = 600;
+const JUDGES: usize = 4000;
 /// Points this near speak for a plane, in the normalised frame.
 const NEAR: f32 = 0.025;
+/// Cosine of a normal with the plane's above which a surface counts as part of it.
+const FACES_UP: f32 = 0.85;
 /// Bounds of a plane's thickness, and how many of its points' deviations it is: shiny tables come out
 /// uneven.
 const THICKNESS: [f32; 2] = [0.02, 0.06];
 const DEVIATIONS: f32 = 3.0;
-/// Share of all surface points that makes a plane.
-const LEAST_SHARE: f32 = 0.12;
+/// Share of all surface points that makes a plane, and below it that rules it out: undersides and what
+/// is mirrored are there, too.
+const LEAST_SURFACE: f32 = 0.02;
+const MOST_SURFACE_BELOW: f32 = 0.3;
 /// Share of its points that must lie at the region's border: a support goes on, an object's side ends.
 const LEAST_BORDER: f32 = 0.04;
 /// Where the border begins.
@@ -46,36 +49,48 @@ const LEAST_CAMERAS: f32 = 0.8;
 const AROUND: f32 = 2.5;
 /// Fewer say too little.
 const LEAST_POINTS: usize = 100;
-/// Triples that are tried.
-const GROUND_TRIALS: usize = 6000;
+/// Triples that are tried; those at least this good beside the best so far are refined.
+const GROUND_TRIALS: usize = 12_000;
+const PROMISING: f32 = 0.6;
 /// Points this near lie on the ground, and this far below it they speak against it.
 const ON_GROUND: f32 = 0.012;
 const BELOW_GROUND: f32 = 0.06;
 /// Share of points on the ground that it takes, and below it that rules it out.
-const LEAST_ON: f32 = 0.04;
-const MOST_BELOW: f32 = 0.25;
-/// Planes that are looked for.
-const MOST_PLANES: usize = 3;
+const LEAST_ON: f32 = 0.03;
+const MOST_BELOW: f32 = 0.1;
+/// A point of a fused surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Where.
+    pub at: Vec3,
+    /// Outward unit normal.
+    pub normal: Vec3,
+}
 
-/// Centres of the solid voxels that border on empty ones, of the fused distances `solid`
+/// Centres of the seen solid voxels that border on empty ones, of the fused distances `solid`
 /// `[resolution^3]`.
 #[must_use]
-pub fn surface_points(solid: &[f32], resolution: usize) -> Vec<Vec3> {
+pub fn surface_points(solid: &[f32], resolution: usize) -> Vec<SurfacePoint> {
     let n = resolution;
     (0..solid.len())
-        .filter(|&cell| {
+        .filter_map(|cell| {
             let [x, y, z] = [cell % n, cell / n % n, cell / (n * n)];
             // Space beyond the region is not known to be empty.
             let inner = |v: usize| v > 0 && v + 1 < n;
-            solid[cell] < 0.0
-                && inner(x)
-                && inner(y)
-                && inner(z)
-                && [1, n, n * n]
-                    .iter()
-                    .any(|step| solid[cell + step] > 0.0 || solid[cell - step] > 0.0)
+            if solid[cell] >= 0.0 || !(inner(x) && inner(y) && inner(z)) {
+                return None;
+            }
+            let steps = [1, n, n * n];
+            let open = |step: &usize| solid[cell + step] > 0.0 || solid[cell - step] > 0.0;
+            if !steps.iter().any(open) {
+                return None;
+            }
+            let slope = Vec3::from_array(steps.map(|step| solid[cell + step] - solid[cell - step]));
+            Some(SurfacePoint {
+                at: scene_decomp::probability::ProbabilityMap::centre(n, cell),
+                normal: slope.try_normalize()?,
+            })
         })
-        .map(|cell| scene_decomp::probability::ProbabilityMap::centre(n, cell))
         .collect()
 }
 
@@ -92,23 +107,38 @@ pub fn ground(points: &[Vec3], cameras: &[Vec3], seed: u64) -> Option<Plane> {
     if around.len() < LEAST_POINTS {
         return None;
     }
-    let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x0012_00d0);
-    let mut best: (f32, Option<Plane>) = (0.0, None);
-    for _ in 0..GROUND_TRIALS {
-        let [a, b, c]: [Vec3; 3] =
-            std::array::from_fn(|_| around[random.random_range(0..around.len())]);
-        let Some(plane) = through(a, b, c, cameras) else {
-            continue;
-        };
+    let score = |plane: &Plane| {
         let (mut on, mut below) = (0.0, 0.0);
         for p in &around {
             let height = plane.height(*p);
             on += f32::from(u8::from(height.abs() < ON_GROUND));
             below += f32::from(u8::from(height < -BELOW_GROUND));
         }
-        let score = on * (1.0 - below / (MOST_BELOW * around.len() as f32));
-        if score > best.0 && on >= LEAST_ON * around.len() as f32 {
-            best = (score, Some(plane));
+        let enough = on >= LEAST_ON * around.len() as f32 && plane.offset.abs() < 1.0;
+        let fair = 1.0 - below / (MOST_BELOW * around.len() as f32);
+        if enough { on * fair } else { 0.0 }
+    };
+    let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x0012_00d0);
+    let mut best: (f32, Option<Plane>) = (0.0, None);
+    for _ in 0..GROUND_TRIALS {
+        let [a, b, c]: [Vec3; 3] =
+            std::array::from_fn(|_| around[random.random_range(0..around.len())]);
+        let Some(mut plane) = through(a, b, c, cameras) else {
+            continue;
+        };
+        if score(&plane) <= PROMISING * best.0 {
+            continue;
+        }
+        // Three points alone tilt a plane: all those near it set it right.
+        for _ in 0..3 {
+            let found = score(&plane);
+            if found > best.0 {
+                best = (found, Some(plane));
+            }
+            match fitted(&around, &plane, 2.0 * ON_GROUND, cameras) {
+                Some(better) => plane = better,
+                None => break,
+            }
         }
     }
     best.1.map(|plane| Plane {
@@ -117,74 +147,72 @@ pub fn ground(points: &[Vec3], cameras: &[Vec3], seed: u64) -> Option<Plane> {
     })
 }
 
-/// The planes among `points` that the cameras are above of, largest first.
+/// The same by fused surfaces, where there are no sparse points: much lies on it and faces up, little
+/// below, and it goes on to the region's border.
 #[must_use]
-pub fn support_planes(points: &[Vec3], cameras: &[Vec3], seed: u64) -> Vec<Plane> {
-    let mut left = points.to_vec();
-    let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x0009_1a4e);
-    let mut planes = Vec::new();
-    while planes.len() < MOST_PLANES {
-        let least = (LEAST_SHARE * points.len() as f32) as usize;
-        let Some(plane) = largest_plane(&left, cameras, least.max(32), &mut random) else {
-            break;
-        };
-        left.retain(|p| plane.height(*p).abs() > plane.thickness.max(NEAR));
-        planes.push(plane);
-    }
-    planes
-}
-
-fn largest_plane(
-    points: &[Vec3],
-    cameras: &[Vec3],
-    least: usize,
-    random: &mut Pcg64Mcg,
-) -> Option<Plane> {
-    if points.len() < least.max(3) {
+pub fn ground_of_surface(surface: &[SurfacePoint], cameras: &[Vec3], seed: u64) -> Option<Plane> {
+    let stride = (surface.len() / JUDGES).max(1);
+    let judges: Vec<SurfacePoint> = surface.iter().copied().step_by(stride).collect();
+    if judges.len() < LEAST_POINTS {
         return None;
     }
-    let stride = (points.len() / JUDGES).max(1);
-    let judges: Vec<Vec3> = points.iter().copied().step_by(stride).collect();
-    let mut best: (usize, Option<Plane>) = (0, None);
-    for _ in 0..TRIALS {
-        let [a, b, c]: [Vec3; 3] =
-            std::array::from_fn(|_| points[random.random_range(0..points.len())]);
-        let Some(plane) = through(a, b, c, cameras) else {
+    let on = |plane: &Plane, p: &SurfacePoint| {
+        plane.height(p.at).abs() <= NEAR && plane.normal.dot(p.normal) > FACES_UP
+    };
+    let score = |plane: &Plane| {
+        let (mut count, mut border, mut below) = (0.0, 0.0, 0.0);
+        for p in &judges {
+            if on(plane, p) {
+                count += 1.0;
+                border += f32::from(u8::from(p.at.abs().max_element() > BORDER));
+            }
+            below += f32::from(u8::from(plane.height(p.at) < -BELOW_GROUND));
+        }
+        let all = judges.len() as f32;
+        let enough = count >= LEAST_SURFACE * all && border >= LEAST_BORDER * count;
+        if enough {
+            count * (1.0 - below / (MOST_SURFACE_BELOW * all))
+        } else {
+            0.0
+        }
+    };
+    let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x0009_1a4e);
+    let mut best: (f32, Option<Plane>) = (0.0, None);
+    for _ in 0..SURFACE_TRIALS {
+        let p = judges[random.random_range(0..judges.len())];
+        let Some(mut plane) = towards(p.normal, p.normal.dot(p.at), cameras) else {
             continue;
         };
-        let near = judges
-            .iter()
-            .filter(|p| plane.height(**p).abs() <= NEAR)
-            .count();
-        if near > best.0 && goes_on(&judges, &plane) {
-            best = (near, Some(plane));
+        for _ in 0..3 {
+            let near: Vec<Vec3> = judges
+                .iter()
+                .filter(|p| on(&plane, p))
+                .map(|p| p.at)
+                .collect();
+            match fitted(&near, &plane, NEAR, cameras) {
+                Some(better) => plane = better,
+                None => break,
+            }
+        }
+        let found = score(&plane);
+        if found > best.0 {
+            best = (found, Some(plane));
         }
     }
-    let mut plane = best.1?;
-    for _ in 0..3 {
-        plane = fitted(points, &plane, cameras).unwrap_or(plane);
-    }
-    let mut heights: Vec<f32> = points
+    let plane = best.1?;
+    let mut heights: Vec<f32> = surface
         .iter()
-        .map(|p| plane.height(*p).abs())
+        .filter(|p| plane.normal.dot(p.normal) > FACES_UP)
+        .map(|p| plane.height(p.at).abs())
         .filter(|height| *height <= THICKNESS[1])
         .collect();
     heights.sort_by(f32::total_cmp);
-    let count = heights.partition_point(|height| *height <= NEAR);
     // The median of absolute deviations, as a standard deviation.
     let deviation = 1.48 * heights.get(heights.len() / 2)?;
-    plane.thickness = (DEVIATIONS * deviation).clamp(THICKNESS[0], THICKNESS[1]);
-    (count >= least).then_some(plane)
-}
-
-/// Whether enough of a plane's points lie at the region's border.
-fn goes_on(points: &[Vec3], plane: &Plane) -> bool {
-    let (mut all, mut border) = (0, 0);
-    for p in points.iter().filter(|p| plane.height(**p).abs() <= NEAR) {
-        all += 1;
-        border += u32::from(p.abs().max_element() > BORDER);
-    }
-    border as f32 >= LEAST_BORDER * all as f32
+    Some(Plane {
+        thickness: (DEVIATIONS * deviation).clamp(THICKNESS[0], THICKNESS[1]),
+        ..plane
+    })
 }
 
 fn through(a: Vec3, b: Vec3, c: Vec3, cameras: &[Vec3]) -> Option<Plane> {
@@ -214,12 +242,12 @@ fn towards(normal: Vec3, offset: f32, cameras: &[Vec3]) -> Option<Plane> {
     }
 }
 
-/// Least squares through the points near `plane`.
-fn fitted(points: &[Vec3], plane: &Plane, cameras: &[Vec3]) -> Option<Plane> {
+/// Least squares through the points within `reach` of `plane`.
+fn fitted(points: &[Vec3], plane: &Plane, reach: f32, cameras: &[Vec3]) -> Option<Plane> {
     let near: Vec<Vec3> = points
         .iter()
         .copied()
-        .filter(|p| plane.height(*p).abs() <= NEAR)
+        .filter(|p| plane.height(*p).abs() <= reach)
         .collect();
     let mean = near.iter().sum::<Vec3>() / near.len().max(1) as f32;
     let mut scatter = Mat3::ZERO;
@@ -254,24 +282,32 @@ mod tests {
     fn a_table_is_found_and_a_cube_on_it_is_not() {
         let normal = Vec3::new(0.1, 0.9, -0.2).normalize();
         let (u, v) = normal.any_orthonormal_pair();
-        let mut points = random_points(1, 4000, |[a, b, c]| {
+        let table = random_points(1, 1500, |[a, b, c]| {
             a * u + b * v + (0.005 * c - 0.4) * normal
         });
+        let mut surface: Vec<SurfacePoint> = table
+            .into_iter()
+            .map(|at| SurfacePoint { at, normal })
+            .collect();
         // The sides of a cube, none of which reaches the border.
         for k in 0..3 {
-            points.extend(random_points(2 + k, 1200, |[a, b, c]| {
+            let side = random_points(2 + k, 1200, |[a, b, c]| {
                 let mut p = 0.3 * Vec3::new(a, b, c);
                 p[k as usize] = 0.3 * c.signum();
                 p
+            });
+            surface.extend(side.into_iter().map(|at| {
+                let mut normal = Vec3::ZERO;
+                normal[k as usize] = at[k as usize].signum();
+                SurfacePoint { at, normal }
             }));
         }
         let cameras: Vec<Vec3> = (0..20)
             .map(|i| 3.0 * (0.7 * normal + (i as f32).sin() * u + (i as f32).cos() * v))
             .collect();
-        let planes = support_planes(&points, &cameras, 7);
-        assert_eq!(planes.len(), 1, "{planes:?}");
-        assert!(planes[0].normal.dot(normal) > 0.999, "{planes:?}");
-        assert!((planes[0].offset + 0.4).abs() < 0.01, "{planes:?}");
+        let plane = ground_of_surface(&surface, &cameras, 7).unwrap();
+        assert!(plane.normal.dot(normal) > 0.999, "{plane:?}");
+        assert!((plane.offset + 0.4).abs() < 0.01, "{plane:?}");
     }
 
     #[test]
@@ -302,8 +338,15 @@ mod tests {
     #[test]
     fn a_ball_has_no_plane() {
         let points = random_points(3, 5000, |p| Vec3::from(p).normalize_or(Vec3::X) * 0.9);
-        assert_eq!(support_planes(&points, &[Vec3::Z * 4.0], 1), []);
-        assert_eq!(support_planes(&[], &[Vec3::Z * 4.0], 1), []);
+        let ball: Vec<SurfacePoint> = points
+            .into_iter()
+            .map(|at| SurfacePoint {
+                at,
+                normal: at.normalize(),
+            })
+            .collect();
+        assert_eq!(ground_of_surface(&ball, &[Vec3::Z * 4.0], 1), None);
+        assert_eq!(ground_of_surface(&[], &[Vec3::Z * 4.0], 1), None);
     }
 
     #[test]
@@ -314,6 +357,10 @@ mod tests {
             .collect();
         let points = surface_points(&solid, n);
         assert_eq!(points.len(), (n - 2) * (n - 2));
-        assert!(points.iter().all(|p| (p.z + 0.125).abs() < 1e-6));
+        assert!(
+            points
+                .iter()
+                .all(|p| (p.at.z + 0.125).abs() < 1e-6 && p.normal == Vec3::Z)
+        );
     }
 }

@@ -201,20 +201,17 @@ fn update(
         .zip(cells)
         .with_min_len(CHUNK)
         .for_each(|(point, &cell)| grid.jittered(cell, seed).write_to_slice(point));
-    let geometry = field.geometry_of(points);
+    let distances = field.distances_of(points);
     let cell = grid.cell_size();
     // A surface within the cell's diagonal, widened by the reach of the logistic density: beyond
     // 6 / b on either side of it, Phi_b changes by less than 0.3 %.
     let reach = 1.8 * cell + 6.0 / rule.sharpness.max(1e-3);
-    let values: Vec<f32> = (0..cells.len())
+    let values: Vec<f32> = distances
         .into_par_iter()
         .with_min_len(CHUNK)
-        .map(|i| {
-            let value = geometry.sdf(i);
-            match rule.transparency {
-                Transparency::Sdf => f32::from(u8::from(value.abs() < reach)),
-                Transparency::Density => -(-super::step::density_of(value) * cell).exp_m1(),
-            }
+        .map(|value| match rule.transparency {
+            Transparency::Sdf => f32::from(u8::from(value.abs() < reach)),
+            Transparency::Density => -(-super::step::density_of(value) * cell).exp_m1(),
         })
         .collect();
     grid.update(cells, &values);
