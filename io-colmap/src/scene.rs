@@ -236,11 +236,14 @@ fn find_images(dir: &Path, model: &Model, notes: &mut Vec<String>) -> Result<Pat
     let first = missing.first().copied().unwrap_or_default();
     Err(ColmapError::scene(
         &folder.join(first),
-        format!(
-            "this registered photo is missing, as are {} more of the model's {}",
-            missing.len().saturating_sub(1),
-            model.views.len()
-        ),
+        match missing.len() {
+            0 | 1 => "this registered photo is missing".to_owned(),
+            n => format!(
+                "this registered photo is missing, as are {} more of the model's {}",
+                n - 1,
+                model.views.len()
+            ),
+        },
         "put the photos into images/ under the names they were registered with",
     ))
 }
