@@ -5,6 +5,7 @@ use crate::export::ExportError;
 use crate::prepare::error::PrepareError;
 use crate::report::ReportError;
 use crate::run_folder::RunError;
+use scene_capture::CaptureError;
 use std::path::{Path, PathBuf};
 
 /// All went well.
@@ -40,10 +41,16 @@ impl InputError {
     }
 }
 
-/// The exit code for an error: [`EXIT_BAD_INPUT`] if anything in its chain is about input,
-/// configuration or files, else [`EXIT_INTERNAL`].
+/// The exit code for an error: [`EXIT_INTERRUPTED`] if it is no more than Ctrl-C, [`EXIT_BAD_INPUT`]
+/// if anything in its chain is about input, configuration or files, else [`EXIT_INTERNAL`].
 #[must_use]
 pub fn exit_code(error: &anyhow::Error) -> u8 {
+    let stopped = |cause: &(dyn std::error::Error + 'static)| {
+        matches!(cause.downcast_ref(), Some(CaptureError::Interrupted))
+    };
+    if error.chain().any(stopped) {
+        return EXIT_INTERRUPTED;
+    }
     let users = error.chain().any(|cause| {
         cause.is::<InputError>()
             || cause.is::<PrepareError>()
@@ -53,6 +60,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             || cause.is::<ExportError>()
             || cause.is::<io_colmap::ColmapError>()
             || cause.is::<scene_import::ImportError>()
+            || cause.is::<CaptureError>()
             || cause.is::<sos_eval::EvalError>()
             || cause.is::<demo_scene::DemoError>()
     });

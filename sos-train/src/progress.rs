@@ -124,6 +124,11 @@ impl Stage {
         let done = meter.done + 1;
         meter.show(done, &[]);
     }
+
+    /// Says how many parts are done.
+    pub fn reach(&self, done: usize) {
+        lock(&self.0).show(done as u64, &[]);
+    }
 }
 
 /// How far something is. When dropped, it leaves a line with the time it took.
@@ -215,18 +220,46 @@ impl Drop for Meter {
     }
 }
 
-/// Sets the flag at the first Ctrl-C (or SIGTERM), and ends the program at the second.
+/// What the first Ctrl-C leads to from now on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AtInterrupt {
+    /// Training ends with a checkpoint.
+    SaveCheckpoint,
+    /// What has been done so far is dropped.
+    LeaveNothing,
+}
+
+/// A flag that the first Ctrl-C (or SIGTERM) sets; the second ends the program. It is the same for
+/// every call in a process.
 ///
 /// # Errors
-/// If the system refuses, or a handler is installed already.
-pub fn watch_interrupt(flag: Arc<AtomicBool>) -> Result<(), ctrlc::Error> {
+/// If the system refuses, or another handler is installed already.
+pub fn watch_interrupt(then: AtInterrupt) -> Result<Arc<AtomicBool>, ctrlc::Error> {
+    static FLAG: Mutex<Option<Arc<AtomicBool>>> = Mutex::new(None);
+    static SAVES: AtomicBool = AtomicBool::new(false);
+    SAVES.store(then == AtInterrupt::SaveCheckpoint, Ordering::SeqCst);
+    let mut known = lock(&FLAG);
+    if let Some(flag) = &*known {
+        return Ok(Arc::clone(flag));
+    }
+    let flag = Arc::new(AtomicBool::new(false));
+    let set = Arc::clone(&flag);
     ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::SeqCst) {
-            line("stopped at once; the run is as of its last checkpoint");
+        let saves = SAVES.load(Ordering::SeqCst);
+        if set.swap(true, Ordering::SeqCst) {
+            if saves {
+                line("stopped at once; the run is as of its last checkpoint");
+            }
             std::process::exit(i32::from(crate::error::EXIT_INTERRUPTED));
         }
-        line("stopping after this step and saving a checkpoint; Ctrl-C again stops at once");
-    })
+        line(if saves {
+            "stopping after this step and saving a checkpoint; Ctrl-C again stops at once"
+        } else {
+            "stopping; nothing is kept"
+        });
+    })?;
+    *known = Some(Arc::clone(&flag));
+    Ok(flag)
 }
 
 /// A time as a person says it.

@@ -38,6 +38,8 @@ pub enum Command {
     Train(Box<TrainArgs>),
     /// Turn photos with camera poses of another tool into a COLMAP scene.
     Import(ImportArgs),
+    /// Turn photos without poses, or a video, into a COLMAP scene, with the installed COLMAP.
+    Capture(CaptureArgs),
     /// Score a run against ground truth and print a table.
     Eval(EvalArgs),
     /// Score several runs, or folders of any system's masks, against the same truth.
@@ -58,7 +60,8 @@ pub enum Command {
 /// `sos train`.
 #[derive(Debug, Clone, Default, Args)]
 pub struct TrainArgs {
-    /// Folder with photos and camera poses of any known tool [default: the built-in demo scene].
+    /// Folder with photos and camera poses of any known tool, photos alone, or a video [default: the
+    /// built-in demo scene].
     pub scene: Option<PathBuf>,
     /// Folder with a rough mask per photo, COCO JSON file, "alpha" or "none" [default: SCENE/masks if there].
     #[arg(long, value_name = "PATH")]
@@ -137,6 +140,26 @@ pub struct ImportArgs {
     /// Colour of the object in the masks: white or black [default: detected].
     #[arg(long, value_enum, value_name = "COLOUR", hide_possible_values = true)]
     pub polarity: Option<MaskPolarity>,
+}
+
+/// `sos capture`.
+#[derive(Debug, Clone, Args)]
+pub struct CaptureArgs {
+    /// Folder of photos, or a video file.
+    #[arg(value_name = "PHOTOS_OR_VIDEO")]
+    pub source: PathBuf,
+    /// Folder to create, with images/ and sparse/0/.
+    #[arg(long, value_name = "SCENE")]
+    pub out: PathBuf,
+    /// About how many frames to take from a video; at most 4 a second [default: 120].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(3..))]
+    pub frames: Option<u32>,
+    /// Folder of masks that are black where COLMAP must not look, such as around a turntable.
+    #[arg(long, value_name = "DIR")]
+    pub masks: Option<PathBuf>,
+    /// Replace a scene that was captured before.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// `sos eval`.

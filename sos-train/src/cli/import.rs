@@ -76,39 +76,59 @@ pub(super) fn import_for_run(
     let imported = opened(&detected, None, &|text| screen.note(text))?;
     let may_replace = owns_scene(&plan.out);
     let run = folder(args, &plan.out)?;
-    let made = || {
-        let dir = run.scene_dir();
-        if dir.exists() && !may_replace {
-            return Err(InputError::new(
-                &dir,
-                "it is in the way: the imported scene goes there, and no run made this one",
-                "move it, or choose another folder with --out",
-            )
-            .into());
-        }
-        let options = MaskOptions {
-            source: plan.masks.clone(),
-            label: plan.label,
-            polarity: plan.polarity.map(Into::into),
-        };
-        let unfinished = run.fresh_scene_dir()?;
-        let written = imported.write(&unfinished, &options)?;
-        run.take_scene(&unfinished)?;
-        anyhow::Ok(written)
-    };
-    let written = made().inspect_err(|_| {
+    let made = free_scene_dir(&run, may_replace)
+        .and_then(|()| write_into_run(&imported, &run, plan, plan.masks.clone(), screen));
+    let masks_dir = made.inspect_err(|_| {
         // An empty folder goes, what an earlier run left stays. The error that is on its way says
         // more than one from tidying up.
         let _ = run.abandon(false);
     })?;
-    for note in &written.notes {
-        screen.note(note);
-    }
-    if written.masks == 0
+    if masks_dir.is_none()
         && plan.masks == MaskSource::Look
         && let Some(hint) = coarse_masks_hint(&detected.root)
     {
         screen.note(&hint);
+    }
+    let imported = Imported {
+        from: scene.to_path_buf(),
+        masks_dir,
+    };
+    Ok((run, imported))
+}
+
+/// An error if something that no run made is where a run's scene goes.
+pub(super) fn free_scene_dir(run: &RunFolder, may_replace: bool) -> anyhow::Result<()> {
+    let dir = run.scene_dir();
+    if dir.exists() && !may_replace {
+        return Err(InputError::new(
+            &dir,
+            "it is in the way: the imported scene goes there, and no run made this one",
+            "move it, or choose another folder with --out",
+        )
+        .into());
+    }
+    Ok(())
+}
+
+/// Writes an imported scene into a run's folder; says so. Returns the folder of its masks, if it has
+/// any.
+pub(super) fn write_into_run(
+    imported: &scene_import::Imported,
+    run: &RunFolder,
+    plan: &Plan,
+    source: MaskSource,
+    screen: &Progress,
+) -> anyhow::Result<Option<PathBuf>> {
+    let options = MaskOptions {
+        source,
+        label: plan.label,
+        polarity: plan.polarity.map(Into::into),
+    };
+    let unfinished = run.fresh_scene_dir()?;
+    let written = imported.write(&unfinished, &options)?;
+    run.take_scene(&unfinished)?;
+    for note in &written.notes {
+        screen.note(note);
     }
     let dir = run.scene_dir();
     screen.note(&format!(
@@ -117,11 +137,7 @@ pub(super) fn import_for_run(
         written.masks,
         dir.display()
     ));
-    let imported = Imported {
-        from: scene.to_path_buf(),
-        masks_dir: (written.masks > 0).then(|| dir.join("masks")),
-    };
-    Ok((run, imported))
+    Ok((written.masks > 0).then(|| dir.join("masks")))
 }
 
 /// Reads the poses and says what was found and what was left out.

@@ -177,7 +177,9 @@ fn run_path(args: &TrainArgs) -> anyhow::Result<PathBuf> {
     };
     // Resolved, so that "." and ".." have a name.
     let mut full = fs::canonicalize(scene).map_err(|_| no_scene(scene))?;
-    if full.is_file() {
+    if let Some(scene_capture::Source::Video(_)) = scene_capture::detect(&full) {
+        full.set_extension("");
+    } else if full.is_file() {
         // The file with the poses stands for its folder.
         full.pop();
     }

@@ -1,5 +1,6 @@
 //! `sos train`.
 
+use super::capture::{capture_for_run, source_without_poses};
 use super::import::{Imported, import_for_run, is_ready};
 use super::input::{Plan, Source, generate_demo, mask_folder, owns_scene, record_input};
 use super::{TrainArgs, answer, evaluate, program};
@@ -8,7 +9,7 @@ use crate::discover::Hint;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK};
 use crate::export::check_names;
 use crate::job::{TrainJob, TrainOutcome};
-use crate::progress::{Progress, watch_interrupt};
+use crate::progress::{AtInterrupt, Progress, watch_interrupt};
 use crate::report::{ReportInputs, write_report};
 use crate::run_folder::{Existing, RunError, RunFolder};
 use io_colmap::{MaskSet, Scene};
@@ -23,14 +24,11 @@ pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
     let demo = plan.source == Source::Demo;
     let site = match &plan.source {
         Source::Demo => Site::made_in(prepare_demo(args, &plan, &screen)?),
-        Source::Folder(scene) if is_ready(scene, &plan)? => Site::there(scene),
-        Source::Folder(scene) => {
-            let (run, imported) = import_for_run(args, &plan, scene, &screen)?;
-            Site {
-                imported: Some(imported),
-                ..Site::made_in(run)
-            }
-        }
+        Source::Folder(scene) => match source_without_poses(scene) {
+            Some(photos) => Site::imported(capture_for_run(args, &plan, &photos, &screen)?),
+            None if is_ready(scene, &plan)? => Site::there(scene),
+            None => Site::imported(import_for_run(args, &plan, scene, &screen)?),
+        },
     };
     // A scene that was made for this run goes with it; one to go on with stays.
     let made = site.run.clone();
@@ -96,6 +94,13 @@ impl Site {
             scene_dir: run.scene_dir(),
             run: Some(run),
             imported: None,
+        }
+    }
+
+    fn imported((run, imported): (RunFolder, Imported)) -> Self {
+        Self {
+            imported: Some(imported),
+            ..Self::made_in(run)
         }
     }
 }
@@ -208,12 +213,12 @@ fn start(
     ready: Ready,
     screen: &Progress,
 ) -> anyhow::Result<TrainOutcome> {
-    let interrupt = Arc::new(AtomicBool::new(false));
-    if let Err(error) = watch_interrupt(Arc::clone(&interrupt)) {
+    let interrupt = watch_interrupt(AtInterrupt::SaveCheckpoint).unwrap_or_else(|error| {
         screen.warn(&format!(
             "Ctrl-C will stop the run without saving ({error})"
         ));
-    }
+        Arc::new(AtomicBool::new(false))
+    });
     crate::train::run(&TrainJob {
         config: plan.config,
         scene_dir: ready.scene_dir,

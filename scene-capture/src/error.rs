@@ -1,0 +1,73 @@
+//! What can go wrong, said so that a person can repair it.
+
+use io_colmap::ColmapError;
+use std::path::{Path, PathBuf};
+
+/// Every failure of this crate: which file or program, what is wrong, what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum CaptureError {
+    /// A program that does the work is not installed, or not where it was said to be.
+    #[error("{what}; {remedy}")]
+    Missing {
+        /// What was looked for and where.
+        what: String,
+        /// How to get it.
+        remedy: &'static str,
+    },
+    /// A program was started and failed.
+    #[error("{} failed at {task} ({what}); {remedy}", program.display())]
+    Failed {
+        /// The program.
+        program: PathBuf,
+        /// What it was to do.
+        task: &'static str,
+        /// What it said last, or how it ended.
+        what: String,
+        /// What to do about it.
+        remedy: String,
+    },
+    /// The operating system refused to read or write a file, or to start a program.
+    #[error("cannot {action} {}: {source}; check that it exists and that you may access it", path.display())]
+    Io {
+        /// `read`, `write`, `list`, `create` or `start`.
+        action: &'static str,
+        /// The file or folder concerned.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// The photos or the video cannot be used, or gave no scene.
+    #[error("{}: {what}; {remedy}", path.display())]
+    Content {
+        /// The file or folder.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+        /// What to do about it.
+        remedy: String,
+    },
+    /// Someone asked to stop. Programs that ran were ended, nothing was written.
+    #[error("stopped before the scene was complete; nothing was written")]
+    Interrupted,
+    /// A photo, a mask or the model that COLMAP wrote cannot be read.
+    #[error(transparent)]
+    Colmap(#[from] ColmapError),
+}
+
+impl CaptureError {
+    pub(crate) fn io(action: &'static str, path: &Path, source: std::io::Error) -> Self {
+        Self::Io {
+            action,
+            path: path.to_path_buf(),
+            source,
+        }
+    }
+
+    pub(crate) fn bad(path: &Path, what: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self::Content {
+            path: path.to_path_buf(),
+            what: what.into(),
+            remedy: remedy.into(),
+        }
+    }
+}

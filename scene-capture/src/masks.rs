@@ -1,0 +1,169 @@
+//! Masks for COLMAP: where not to look for features.
+
+use crate::error::CaptureError;
+use crate::photos::PhotoSet;
+use image::{GrayImage, ImageReader, Luma};
+use io_colmap::{MaskFiles, Model, Pose, Scene, View};
+use rayon::prelude::*;
+use std::path::Path;
+
+/// Sizes of mask and photo differ in shape by no more than this, in pixels of the mask.
+const ROUNDING: f64 = 2.0;
+
+/// Writes a mask per photo into `out`, as COLMAP wants them: `a.jpg.png`, of the photo's size, black
+/// where features are ignored. Photos without a mask get a white one: some versions of COLMAP take
+/// the whole photo where the file is missing, others none of it.
+///
+/// Returns what a user should know.
+pub(crate) fn write(
+    masks: &Path,
+    photos: &PhotoSet,
+    out: &Path,
+) -> Result<Vec<String>, CaptureError> {
+    if !masks.is_dir() {
+        return Err(CaptureError::bad(
+            masks,
+            "there is no such folder",
+            "give a folder with a mask per photo, of the same name",
+        ));
+    }
+    let files = MaskFiles::find(masks, &named_views(photos))?;
+    photos
+        .photos
+        .par_iter()
+        .zip(&files.paths)
+        .try_for_each(|(photo, path)| {
+            let mask = match path {
+                Some(path) => read(path, photo.size)?,
+                None => GrayImage::from_pixel(photo.size.0, photo.size.1, Luma([255])),
+            };
+            let to = out.join(format!("{}.png", photo.name));
+            if let Some(folder) = to.parent() {
+                std::fs::create_dir_all(folder)
+                    .map_err(|e| CaptureError::io("create", folder, e))?;
+            }
+            mask.save(&to)
+                .map_err(|e| CaptureError::io("write", &to, std::io::Error::other(e.to_string())))
+        })?;
+    let count = files.paths.iter().flatten().count();
+    let mut notes = vec![format!(
+        "features are looked for where masks are not black; {count} of {} photos have one ({})",
+        photos.photos.len(),
+        files.how
+    )];
+    notes.extend(files.notes);
+    Ok(notes)
+}
+
+/// The photos as views without cameras, which is enough to match names.
+fn named_views(photos: &PhotoSet) -> Scene {
+    let view = |(id, photo): (u32, &crate::photos::Photo)| View {
+        id,
+        name: photo.name.clone(),
+        camera_id: 0,
+        camera_from_world: Pose::IDENTITY,
+    };
+    Scene {
+        root: photos.root.clone(),
+        image_dir: photos.root.clone(),
+        model: Model {
+            views: (1..).zip(&photos.photos).map(view).collect(),
+            ..Model::default()
+        },
+        notes: Vec::new(),
+    }
+}
+
+/// Black and white at the photo's size; white is from half the mask's brightest value on.
+fn read(path: &Path, size: (u32, u32)) -> Result<GrayImage, CaptureError> {
+    let unreadable = |why: String| {
+        CaptureError::bad(
+            path,
+            format!("the mask cannot be read ({why})"),
+            "write it again as PNG, or take it away",
+        )
+    };
+    let picture = ImageReader::open(path)
+        .and_then(ImageReader::with_guessed_format)
+        .map_err(|e| CaptureError::io("read", path, e))?
+        .decode()
+        .map_err(|e| unreadable(e.to_string()))?;
+    let mut mask = picture.into_luma8();
+    let (width, height) = mask.dimensions();
+    if (width, height) != size {
+        let scaled = f64::from(width) * f64::from(size.1) / f64::from(size.0);
+        if (scaled - f64::from(height)).abs() > ROUNDING {
+            return Err(CaptureError::bad(
+                path,
+                format!(
+                    "the mask is {width}x{height} but its photo {}x{}, another shape",
+                    size.0, size.1
+                ),
+                "make the mask from the photo itself, without cropping or turning",
+            ));
+        }
+        let nearest = image::imageops::FilterType::Nearest;
+        mask = image::imageops::resize(&mask, size.0, size.1, nearest);
+    }
+    let half = mask
+        .iter()
+        .max()
+        .map_or(0, |brightest| brightest.div_ceil(2));
+    for value in mask.iter_mut() {
+        *value = if half > 0 && *value >= half { 255 } else { 0 };
+    }
+    Ok(mask)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use image::RgbImage;
+
+    #[test]
+    fn every_photo_gets_a_mask_that_colmap_understands() {
+        let dir = tempfile::tempdir().unwrap();
+        let (photos, masks, out) = (
+            dir.path().join("photos"),
+            dir.path().join("m"),
+            dir.path().join("out"),
+        );
+        for folder in [&photos, &masks, &out] {
+            std::fs::create_dir(folder).unwrap();
+        }
+        for name in ["a.jpg", "b.png", "c.png"] {
+            RgbImage::new(16, 8).save(photos.join(name)).unwrap();
+        }
+        // Labels 0 and 1, at half the size; black and white, of another name.
+        let mut small = GrayImage::new(8, 4);
+        small.put_pixel(0, 0, Luma([1]));
+        small.save(masks.join("a.png")).unwrap();
+        GrayImage::new(16, 8)
+            .save(masks.join("b_mask.png"))
+            .unwrap();
+        let set = PhotoSet::find(&photos).unwrap();
+        let notes = write(&masks, &set, &out).unwrap();
+        assert!(notes[0].contains("2 of 3 photos"), "{notes:?}");
+        let whites = |name: &str| {
+            let mask = image::open(out.join(name)).unwrap().into_luma8();
+            assert_eq!(mask.dimensions(), (16, 8));
+            mask.iter().filter(|value| **value == 255).count()
+        };
+        assert_eq!(whites("a.jpg.png"), 4);
+        assert_eq!(whites("b.png.png"), 0);
+        assert_eq!(whites("c.png.png"), 128);
+
+        GrayImage::new(8, 8).save(masks.join("c.png")).unwrap();
+        let said = write(&masks, &set, &out).unwrap_err().to_string();
+        assert!(
+            said.contains("8x8 but its photo 16x8, another shape"),
+            "{said}"
+        );
+        std::fs::write(masks.join("c.png"), "no mask").unwrap();
+        let said = write(&masks, &set, &out).unwrap_err().to_string();
+        assert!(said.contains("c.png: the mask cannot be read"), "{said}");
+        let said = write(&dir.path().join("x"), &set, &out).unwrap_err();
+        assert!(said.to_string().contains("no such folder"));
+    }
+}

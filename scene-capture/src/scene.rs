@@ -1,0 +1,390 @@
+//! From photos or a video to a COLMAP scene on disk.
+
+use crate::colmap::{Colmap, FeatureJob, Mapped};
+use crate::error::CaptureError;
+use crate::masks;
+use crate::matching::attempts;
+use crate::models::Models;
+use crate::photos::PhotoSet;
+use crate::source::Source;
+use crate::video::{Ffmpeg, FrameOptions};
+use crate::watch::{Progress, Stage, Watch};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Start of the name of a scene that is being made.
+const PARTIAL: &str = ".sos-partial-";
+/// What was decided; also the sign that a folder is one of ours.
+const RECORD: &str = "capture.txt";
+
+/// What to make of photos or a video.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CaptureOptions {
+    /// How many frames to take from a video.
+    pub frames: FrameOptions,
+    /// Masks by name of the photo, black where COLMAP must not look for features: things that
+    /// moved, or the room around a turntable.
+    pub masks: Option<PathBuf>,
+    /// What to do if there is a scene already.
+    pub existing: Existing,
+}
+
+/// What to do with a scene that is there already.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Existing {
+    /// Refuse.
+    #[default]
+    Keep,
+    /// Take its place, once the new one is complete. Folders of other origin are never replaced.
+    Replace,
+}
+
+/// The programs that do the work.
+#[derive(Debug, Clone)]
+pub struct Tools {
+    /// Finds poses.
+    pub colmap: Colmap,
+    /// Reads videos; not needed for photos.
+    pub ffmpeg: Option<Ffmpeg>,
+}
+
+impl Tools {
+    /// Finds what the source needs on the PATH.
+    ///
+    /// # Errors
+    /// [`CaptureError::Missing`] with how to install what is not there.
+    pub fn find_for(source: &Source) -> Result<Self, CaptureError> {
+        let ffmpeg = match source {
+            Source::Video(_) => Some(Ffmpeg::find()?),
+            Source::Photos(_) => None,
+        };
+        Ok(Self {
+            colmap: Colmap::find()?,
+            ffmpeg,
+        })
+    }
+}
+
+/// What was captured.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Captured {
+    /// Number of photos, or of frames taken.
+    pub photos: usize,
+    /// How many of them have poses, in the largest model.
+    pub registered: usize,
+    /// Photos with poses by model, the largest first, which is `sparse/0`.
+    pub models: Vec<usize>,
+    /// Decisions taken, as they were told to the [`Watch`].
+    pub notes: Vec<String>,
+    /// What to do better next time, where few photos have poses.
+    pub warning: Option<String>,
+}
+
+/// Makes a scene folder: photos in `images/` (as hard links where the disk allows), models in
+/// `sparse/0`, … and what was decided in `capture.txt`. The folder appears when it is complete.
+///
+/// # Errors
+/// [`CaptureError`] if `out` is in the way, photos, video or masks cannot be used, a program fails,
+/// no poses are found, or the watch says to stop.
+pub fn capture(
+    source: &Source,
+    out: &Path,
+    tools: &Tools,
+    options: &CaptureOptions,
+    watch: &dyn Watch,
+) -> Result<Captured, CaptureError> {
+    check_place(out, options.existing)?;
+    if let (Source::Video(video), Some(_)) = (source, &options.masks) {
+        return Err(CaptureError::bad(
+            video,
+            "masks are matched to photos by name, and frames of a video have none yet",
+            "leave the masks out, or capture the frames first and mask those",
+        ));
+    }
+    let parent = match out.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    create(parent)?;
+    let folder = partial_in(parent)?;
+    let mut job = Job {
+        source,
+        folder: folder.path(),
+        tools,
+        options,
+        watch,
+        notes: Vec::new(),
+    };
+    let captured = job.run()?;
+    put_in_place(folder, out)?;
+    Ok(captured)
+}
+
+fn check_place(out: &Path, existing: Existing) -> Result<(), CaptureError> {
+    let is_empty = fs::read_dir(out).map(|mut entries| entries.next().is_none());
+    match (is_empty, existing) {
+        (Ok(true), _) => Ok(()),
+        (Ok(false), Existing::Replace) if out.join(RECORD).is_file() => Ok(()),
+        (Ok(false), Existing::Replace) => Err(CaptureError::bad(
+            out,
+            "there is something in it that is no captured scene, so it is not replaced",
+            "name a folder that is empty or does not exist",
+        )),
+        (Ok(false), Existing::Keep) => Err(CaptureError::bad(
+            out,
+            "there is something in it already",
+            "name a folder that is empty or does not exist, or replace a captured scene with --force",
+        )),
+        (Err(_), _) if out.exists() => Err(CaptureError::bad(
+            out,
+            "it is in the way",
+            "name a folder that is empty or does not exist",
+        )),
+        (Err(_), _) => Ok(()),
+    }
+}
+
+fn create(folder: &Path) -> Result<(), CaptureError> {
+    fs::create_dir_all(folder).map_err(|e| CaptureError::io("create", folder, e))
+}
+
+fn partial_in(parent: &Path) -> Result<tempfile::TempDir, CaptureError> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(PARTIAL);
+    #[cfg(unix)]
+    {
+        // As for any new folder: what the user's umask leaves of it, not the private 0700.
+        use std::os::unix::fs::PermissionsExt as _;
+        builder.permissions(fs::Permissions::from_mode(0o777));
+    }
+    builder
+        .tempdir_in(parent)
+        .map_err(|e| CaptureError::io("write", parent, e))
+}
+
+fn put_in_place(folder: tempfile::TempDir, out: &Path) -> Result<(), CaptureError> {
+    let failed = |e| CaptureError::io("create", out, e);
+    let old = folder.path().with_extension("old");
+    // An empty folder gives way as it is.
+    let replaced = fs::remove_dir(out).is_err() && out.exists();
+    if replaced {
+        fs::rename(out, &old).map_err(failed)?;
+    }
+    if let Err(error) = fs::rename(folder.path(), out) {
+        if replaced {
+            // As it was; the error that is on its way says why.
+            let _ = fs::rename(&old, out);
+        }
+        return Err(failed(error));
+    }
+    // There is nothing left to remove at the old name.
+    let _ = folder.keep();
+    if replaced {
+        fs::remove_dir_all(&old).map_err(|e| CaptureError::io("remove", &old, e))?;
+    }
+    Ok(())
+}
+
+/// One capture, in a folder that is not yet where it will be.
+struct Job<'a> {
+    source: &'a Source,
+    folder: &'a Path,
+    tools: &'a Tools,
+    options: &'a CaptureOptions,
+    watch: &'a dyn Watch,
+    notes: Vec<String>,
+}
+
+impl Job<'_> {
+    fn run(&mut self) -> Result<Captured, CaptureError> {
+        let (images, work) = (self.folder.join("images"), self.folder.join("work"));
+        create(&images)?;
+        create(&work)?;
+        let set = self.gather(&images)?;
+        let photos = set.photos.len();
+        let colmap = self.tools.colmap.logging_to(&work);
+        self.say(format!(
+            "COLMAP {} looks for the poses of {photos} photos of {} cameras",
+            colmap.version(),
+            set.by_camera().len()
+        ));
+        let database = work.join("database.db");
+        self.find_features(&colmap, &set, &images, &database)?;
+        let (models, sparse) = self.find_poses(&colmap, &set, &images, &database)?;
+        models.check(self.source, photos)?;
+        let (notes, warning) = models.sentences(self.source, photos);
+        notes.into_iter().for_each(|note| self.say(note));
+
+        let kept = self.folder.join("sparse");
+        fs::rename(&sparse, &kept).map_err(|e| CaptureError::io("rename", &sparse, e))?;
+        fs::remove_dir_all(&work).map_err(|e| CaptureError::io("remove", &work, e))?;
+        // What a reader would refuse is refused now.
+        io_colmap::Scene::open(self.folder)?;
+        let record = self.folder.join(RECORD);
+        let lines: Vec<&str> = self
+            .notes
+            .iter()
+            .chain(&warning)
+            .map(String::as_str)
+            .collect();
+        let text = format!(
+            "captured from {}\n{}\n",
+            self.source.path().display(),
+            lines.join("\n")
+        );
+        fs::write(&record, text).map_err(|e| CaptureError::io("write", &record, e))?;
+        Ok(Captured {
+            photos,
+            registered: models.registered(),
+            models: models.sizes,
+            notes: std::mem::take(&mut self.notes),
+            warning,
+        })
+    }
+
+    fn say(&mut self, note: String) {
+        self.watch.note(&note);
+        self.notes.push(note);
+    }
+
+    /// Photos into `images`.
+    fn gather(&mut self, images: &Path) -> Result<PhotoSet, CaptureError> {
+        let set = match self.source {
+            Source::Photos(folder) => {
+                let set = PhotoSet::find(folder)?;
+                for photo in &set.photos {
+                    place(&set.root.join(&photo.name), &images.join(&photo.name))?;
+                }
+                set
+            }
+            Source::Video(video) => {
+                let Some(ffmpeg) = &self.tools.ffmpeg else {
+                    return Err(CaptureError::bad(
+                        video,
+                        "no program to read videos with was given",
+                        "find one with Tools::find_for",
+                    ));
+                };
+                let frames = &self.options.frames;
+                let taken = ffmpeg.take_frames(video, images, frames, self.watch)?;
+                taken.notes.into_iter().for_each(|note| self.say(note));
+                PhotoSet::find(images)?
+            }
+        };
+        set.notes.iter().for_each(|note| self.say(note.clone()));
+        Ok(set)
+    }
+
+    fn find_features(
+        &mut self,
+        colmap: &Colmap,
+        set: &PhotoSet,
+        images: &Path,
+        database: &Path,
+    ) -> Result<(), CaptureError> {
+        let work = self.folder.join("work");
+        let masks = match &self.options.masks {
+            Some(stated) => {
+                let masks = work.join("masks");
+                create(&masks)?;
+                let notes = masks::write(stated, set, &masks)?;
+                notes.into_iter().for_each(|note| self.say(note));
+                Some(masks)
+            }
+            None => None,
+        };
+        let total = set.photos.len();
+        let progress = |done| Progress {
+            stage: Stage::Features,
+            done,
+            total,
+        };
+        self.watch.progress(progress(0));
+        let options = colmap.options("feature_extractor")?;
+        let (mut done, mut damaged) = (0, Vec::new());
+        for group in set.by_camera() {
+            let list = work.join("photos.txt");
+            let names: Vec<&str> = group.iter().map(|photo| &*photo.name).collect();
+            fs::write(&list, names.join("\n")).map_err(|e| CaptureError::io("write", &list, e))?;
+            let job = FeatureJob {
+                images,
+                database,
+                list: &list,
+                photos: group.len(),
+                masks: masks.as_deref(),
+            };
+            damaged.extend(colmap.features(&options, &job, (done, total), self.watch)?);
+            done += group.len();
+        }
+        self.watch.progress(progress(total));
+        if let Some((name, why)) = damaged.first() {
+            let count = damaged.len();
+            self.say(format!(
+                "COLMAP does without {count} photos, such as {name}: {why}"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Compares photos and finds poses, with more comparisons if too few are found. Returns the best
+    /// models and their folder.
+    fn find_poses(
+        &mut self,
+        colmap: &Colmap,
+        set: &PhotoSet,
+        images: &Path,
+        database: &Path,
+    ) -> Result<(Models, PathBuf), CaptureError> {
+        let photos = set.photos.len();
+        let mut best: Option<(Models, PathBuf)> = None;
+        for (i, matchers) in attempts(self.source, photos, set.has_positions())
+            .into_iter()
+            .enumerate()
+        {
+            if let Some((models, _)) = &best {
+                if models.are_enough(photos) {
+                    break;
+                }
+                let found = models.registered();
+                self.say(format!(
+                    "comparing neighbours gave poses for {found} of {photos} photos, so all pairs \
+                     are compared"
+                ));
+            }
+            for matcher in matchers {
+                colmap.compare(matcher, database, self.watch)?;
+            }
+            let sparse = self.folder.join("work").join(format!("sparse-{i}"));
+            create(&sparse)?;
+            let models = match colmap.poses(images, database, &sparse, photos, self.watch)? {
+                Mapped::Some => Models::sort(&sparse)?,
+                Mapped::None => Models { sizes: Vec::new() },
+            };
+            if best
+                .as_ref()
+                .is_none_or(|(so_far, _)| models.registered() > so_far.registered())
+            {
+                best = Some((models, sparse));
+            }
+        }
+        best.ok_or_else(|| {
+            // Unreachable: there is always something to try.
+            CaptureError::bad(self.source.path(), "nothing was tried", "try again")
+        })
+    }
+}
+
+/// A hard link to a photo, or a copy where that cannot be.
+fn place(photo: &Path, to: &Path) -> Result<(), CaptureError> {
+    if let Some(folder) = to.parent() {
+        create(folder)?;
+    }
+    // A link to a symbolic link would lead nowhere from its new place.
+    let full = photo
+        .canonicalize()
+        .map_err(|e| CaptureError::io("read", photo, e))?;
+    if fs::hard_link(&full, to).is_err() {
+        fs::copy(&full, to).map_err(|e| CaptureError::io("copy", photo, e))?;
+    }
+    Ok(())
+}

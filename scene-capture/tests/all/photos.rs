@@ -1,0 +1,172 @@
+//! Photos to a scene, with a stand-in for COLMAP.
+
+use crate::stand_ins::{Dialect, Listener, Workshop, text};
+use image::{GrayImage, RgbImage};
+use io_colmap::Scene;
+use scene_capture::{CaptureOptions, Existing, Progress, Source, Stage, capture};
+use std::fs;
+
+const NAMES: [&str; 4] = ["a.jpg", "b.jpg", "c.jpg", "d.jpg"];
+
+#[test]
+fn photos_become_a_scene_in_either_dialect() {
+    for dialect in [Dialect::Three, Dialect::Four] {
+        let shop = Workshop::new();
+        let photos = shop.photos(&NAMES);
+        shop.model(0, 0, &["a.jpg"]);
+        shop.model(0, 1, &NAMES[1..]);
+        let out = shop.path("made/scene");
+        let watch = Listener::default();
+        let captured = capture(
+            &Source::Photos(photos.clone()),
+            &out,
+            &shop.tools(dialect),
+            &CaptureOptions::default(),
+            &watch,
+        )
+        .unwrap();
+        assert_eq!((captured.photos, captured.registered), (4, 3));
+        assert_eq!(captured.models, [3, 1]);
+        assert_eq!(captured.warning, None);
+        assert_eq!(captured.notes, *watch.notes.lock().unwrap());
+        assert!(
+            captured
+                .notes
+                .iter()
+                .any(|n| n.contains("fell apart into 2 models"))
+        );
+
+        let scene = Scene::open(&out).unwrap();
+        assert_eq!(scene.model.views.len(), 3, "the largest is sparse/0");
+        assert_eq!(fs::read_dir(out.join("images")).unwrap().count(), 4);
+        assert!(!out.join("work").exists());
+        assert!(!shop.has_leftovers());
+        let record = text(&out.join("capture.txt"));
+        assert!(record.starts_with("captured from "), "{record}");
+        assert!(record.contains("3 of 4 photos have poses"), "{record}");
+
+        let told = shop.told();
+        let gpu = match dialect {
+            Dialect::Three => ["--SiftExtraction.use_gpu 0", "--SiftMatching.use_gpu 0"],
+            Dialect::Four => [
+                "--FeatureExtraction.use_gpu 0",
+                "--FeatureMatching.use_gpu 0",
+            ],
+        };
+        assert!(told[0].starts_with("feature_extractor ") && told[0].contains(gpu[0]));
+        assert!(told[1].starts_with("exhaustive_matcher ") && told[1].contains(gpu[1]));
+        assert!(told[2].starts_with("mapper "));
+        let progress = watch.progress.lock().unwrap();
+        for (stage, done, total) in [
+            (Stage::Features, 4, 4),
+            (Stage::Matches, 1, 1),
+            (Stage::Poses, 3, 4),
+        ] {
+            assert!(
+                progress.contains(&Progress { stage, done, total }),
+                "{progress:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn each_size_is_a_call_and_a_camera() {
+    let shop = Workshop::new();
+    let photos = shop.photos(&NAMES);
+    RgbImage::new(48, 64).save(photos.join("b.jpg")).unwrap();
+    shop.model(0, 0, &["a.jpg", "c.jpg", "d.jpg"]);
+    capture(
+        &Source::Photos(photos),
+        &shop.path("scene"),
+        &shop.tools(Dialect::Three),
+        &CaptureOptions::default(),
+        &(),
+    )
+    .unwrap();
+    assert_eq!(text(&shop.path("listed")), "b.jpg\na.jpg\nc.jpg\nd.jpg\n");
+    let calls = shop.told();
+    assert_eq!(
+        calls
+            .iter()
+            .filter(|call| call.starts_with("feature"))
+            .count(),
+        2
+    );
+}
+
+#[test]
+fn masks_are_handed_on_and_few_poses_warned_of() {
+    let shop = Workshop::new();
+    let photos = shop.photos(&["a.jpg", "b.jpg", "c.jpg", "d.jpg", "e.jpg", "f.jpg"]);
+    fs::create_dir(photos.join("masks")).unwrap();
+    GrayImage::new(64, 48)
+        .save(photos.join("masks/a.png"))
+        .unwrap();
+    shop.model(0, 0, &NAMES[..3]);
+    let options = CaptureOptions {
+        masks: Some(photos.join("masks")),
+        ..CaptureOptions::default()
+    };
+    let captured = capture(
+        &Source::Photos(photos),
+        &shop.path("scene"),
+        &shop.tools(Dialect::Four),
+        &options,
+        &(),
+    )
+    .unwrap();
+    assert!(shop.told()[0].contains("--ImageReader.mask_path "));
+    assert!(
+        captured
+            .notes
+            .iter()
+            .any(|note| note.contains("1 of 6 photos have one"))
+    );
+    let warning = captured.warning.unwrap();
+    assert!(
+        warning.starts_with("only 3 of 6 photos have poses; for more, take"),
+        "{warning}"
+    );
+    assert!(text(&shop.path("scene/capture.txt")).contains(&warning));
+}
+
+#[test]
+fn only_a_captured_scene_is_replaced() {
+    let shop = Workshop::new();
+    let source = Source::Photos(shop.photos(&NAMES));
+    for attempt in 0..2 {
+        shop.model(attempt, 0, &NAMES);
+    }
+    let tools = shop.tools(Dialect::Three);
+    let out = shop.path("scene");
+    let make = |existing| {
+        let options = CaptureOptions {
+            existing,
+            ..CaptureOptions::default()
+        };
+        capture(&source, &out, &tools, &options, &())
+            .map(|captured| captured.photos)
+            .map_err(|error| error.to_string())
+    };
+    // An empty folder is as good as none.
+    fs::create_dir(&out).unwrap();
+    assert_eq!(make(Existing::Keep), Ok(4));
+    let refused = make(Existing::Keep).unwrap_err();
+    assert!(
+        refused.contains("there is something in it already"),
+        "{refused}"
+    );
+    fs::write(out.join("old"), "").unwrap();
+    assert_eq!(make(Existing::Replace), Ok(4));
+    assert!(!out.join("old").exists());
+    assert!(!shop.has_leftovers());
+
+    fs::remove_file(out.join("capture.txt")).unwrap();
+    let refused = make(Existing::Replace).unwrap_err();
+    assert!(
+        refused.contains("no captured scene, so it is not replaced"),
+        "{refused}"
+    );
+    assert!(out.join("sparse/0").is_dir());
+}
