@@ -203,10 +203,13 @@ impl Job<'_> {
         let set = self.gather(&images)?;
         let photos = set.photos.len();
         let colmap = self.tools.colmap.logging_to(&work);
+        let cameras = match set.by_camera().len() {
+            1 => "one camera".to_owned(),
+            n => format!("{n} cameras"),
+        };
         self.say(format!(
-            "COLMAP {} looks for the poses of {photos} photos of {} cameras",
-            colmap.version(),
-            set.by_camera().len()
+            "COLMAP {} looks for the poses of {photos} photos by {cameras}",
+            colmap.version()
         ));
         let database = work.join("database.db");
         self.find_features(&colmap, &set, &images, &database)?;
