@@ -53,7 +53,7 @@ mod watch;
 pub use colmap::Colmap;
 pub use error::CaptureError;
 pub use frames::TakenFrames;
-pub use scene::{CaptureOptions, Captured, Existing, Tools, capture};
+pub use scene::{CaptureOptions, Captured, Existing, RECORD, Tools, capture};
 pub use source::{Source, detect};
 pub use video::{Ffmpeg, FrameOptions, VideoInfo};
 pub use watch::{Progress, Stage, Watch};

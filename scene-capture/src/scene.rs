@@ -14,8 +14,8 @@ use std::path::{Path, PathBuf};
 
 /// Start of the name of a scene that is being made.
 const PARTIAL: &str = ".sos-partial-";
-/// What was decided; also the sign that a folder is one of ours.
-const RECORD: &str = "capture.txt";
+/// The file in a captured scene that says what was decided; also the sign that a folder is one.
+pub const RECORD: &str = "capture.txt";
 
 /// What to make of photos or a video.
 #[derive(Debug, Clone, Default, PartialEq)]

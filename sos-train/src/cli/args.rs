@@ -38,7 +38,7 @@ pub enum Command {
     Train(Box<TrainArgs>),
     /// Turn photos with camera poses of another tool into a COLMAP scene.
     Import(ImportArgs),
-    /// Turn photos without poses, or a video, into a COLMAP scene, with the installed COLMAP.
+    /// Turn photos without poses, or a video, into a COLMAP scene, by running COLMAP.
     Capture(CaptureArgs),
     /// Score a run against ground truth and print a table.
     Eval(EvalArgs),
@@ -60,8 +60,7 @@ pub enum Command {
 /// `sos train`.
 #[derive(Debug, Clone, Default, Args)]
 pub struct TrainArgs {
-    /// Folder with photos and camera poses of any known tool, photos alone, or a video [default: the
-    /// built-in demo scene].
+    /// Folder of photos, best with camera poses of any tool, or a video [default: the built-in demo scene].
     pub scene: Option<PathBuf>,
     /// Folder with a rough mask per photo, COCO JSON file, "alpha" or "none" [default: SCENE/masks if there].
     #[arg(long, value_name = "PATH")]

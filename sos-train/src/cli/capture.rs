@@ -9,7 +9,7 @@ use crate::export::check_names;
 use crate::progress::{self, AtInterrupt, Progress, watch_interrupt};
 use crate::run_folder::{RunError, RunFolder};
 use anyhow::Context as _;
-use scene_capture::{CaptureOptions, Existing, Source, Stage, Tools, Watch};
+use scene_capture::{CaptureOptions, Existing, RECORD, Source, Stage, Tools, Watch};
 use scene_import::MaskSource;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -58,7 +58,10 @@ pub(super) fn capture(args: &CaptureArgs) -> anyhow::Result<()> {
 
 fn nothing_to_capture(path: &Path) -> anyhow::Error {
     let (what, remedy) = if !path.exists() {
-        ("there is no such file or folder", "give a folder of photos or a video file")
+        (
+            "there is no such file or folder",
+            "give a folder of photos or a video file",
+        )
     } else if path.is_file() {
         (
             "it is no video that is known by its ending",
@@ -117,7 +120,10 @@ pub(super) fn capture_for_run(
         }
         let imported = scene_import::read(&scene_import::detect(&scene, None)?, None)?;
         check_names(imported.model.views.iter().map(|view| view.name.as_str()))?;
-        write_into_run(&imported, &run, plan, masks, screen)
+        let masks_dir = write_into_run(&imported, &run, plan, masks, screen)?;
+        // A record of what has been said; the scene is whole without it.
+        let _ = std::fs::copy(scene.join(RECORD), run.scene_dir().join(RECORD));
+        Ok(masks_dir)
     });
     let masks_dir = made.inspect_err(|_| {
         // The error that is on its way says more than one from tidying up.

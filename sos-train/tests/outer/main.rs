@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // a test may panic
 
+mod capture;
 mod command_line;
 mod config;
 mod exports;

@@ -1,0 +1,108 @@
+//! Photos without poses, with a stand-in for COLMAP on the PATH that gives the true ones.
+#![cfg(unix)]
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// What every version of COLMAP answers, as far as it is asked; the mapper copies a model.
+const COLMAP: &str = r#"#!/bin/sh
+if [ "$1" = help ]; then echo 'COLMAP 3.8 -- a stand-in'; exit 0; fi
+if [ "$2" = -h ]; then echo '  --database_path arg'; exit 0; fi
+if [ "$1" = mapper ]; then mkdir "$7/0"; cp "$TRUTH"/* "$7/0"; echo 'Registering image #2 (9)'; fi
+"#;
+
+/// Runs the program where the only other program is in `bin`, apart from the shell's.
+fn sos(dir: &Path, path: &str, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_sos"))
+        .args(arguments)
+        .current_dir(dir)
+        .env("PATH", path)
+        .env("TRUTH", dir.join("truth/sparse/0"))
+        .env_remove("RUST_BACKTRACE")
+        .output()
+        .unwrap()
+}
+
+fn says(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+#[test]
+fn photos_alone_are_captured_and_trained_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path();
+    crate::fabricated::SCENE.write(&dir.join("truth")).unwrap();
+    fs::rename(dir.join("truth/images"), dir.join("photos")).unwrap();
+    let photos = fs::read_dir(dir.join("photos")).unwrap().count();
+
+    let train = [
+        "train",
+        "photos",
+        "--masks",
+        "truth/coarse_masks",
+        "--out",
+        "run",
+    ];
+    let output = sos(dir, "/nowhere", &train);
+    assert_eq!(output.status.code(), Some(2));
+    let text = says(&output);
+    assert!(
+        text.contains("photos has photos but no camera poses") && text.contains("install colmap"),
+        "{text}"
+    );
+    assert!(!dir.join("run").exists());
+
+    fs::create_dir(dir.join("bin")).unwrap();
+    fs::write(dir.join("bin/colmap"), COLMAP).unwrap();
+    fs::set_permissions(dir.join("bin/colmap"), fs::Permissions::from_mode(0o755)).unwrap();
+    let path = format!("{}:/usr/bin:/bin", dir.join("bin").display());
+    let output = sos(dir, &path, &["capture", "photos", "--out", "made"]);
+    let text = says(&output);
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    let answer =
+        format!("made: {photos} of {photos} photos have poses; train on it with: sos train made");
+    assert!(text.contains(&answer), "{text}");
+    assert!(dir.join("made/capture.txt").is_file());
+    let output = sos(dir, &path, &["capture", "made", "--out", "again"]);
+    assert!(
+        says(&output).contains("it has camera poses already"),
+        "{}",
+        says(&output)
+    );
+    let output = sos(dir, &path, &["capture", "absent.mp4", "--out", "again"]);
+    assert_eq!(output.status.code(), Some(2));
+
+    let settings = [
+        "steps=4",
+        "model.levels=4",
+        "model.log2_table_size=12",
+        "sampling.target_samples=1024",
+        "sampling.occupancy_resolution=32",
+        "export.mesh_resolution=32",
+    ];
+    let mut words = train.to_vec();
+    words.extend(["--preset", "quick"]);
+    words.extend(settings.iter().flat_map(|setting| ["--set", setting]));
+    let output = sos(dir, &path, &words);
+    assert_eq!(output.status.code(), Some(0), "{}", says(&output));
+    for file in [
+        "scene/capture.txt",
+        "scene/sparse/0/images.bin",
+        "scene/masks",
+        "report.html",
+    ] {
+        assert!(dir.join("run").join(file).exists(), "{file}");
+    }
+    let leftovers = fs::read_dir(dir.join("run")).unwrap().any(|entry| {
+        let name = entry.unwrap().file_name();
+        name.to_string_lossy().starts_with(".sos-partial")
+    });
+    assert!(!leftovers);
+    let config = fs::read_to_string(dir.join("run/config.toml")).unwrap();
+    assert!(
+        config.contains("imported_from") && config.contains("photos"),
+        "{config}"
+    );
+}
