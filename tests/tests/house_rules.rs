@@ -14,7 +14,7 @@ use std::{
 use serde_json::Value;
 
 /// What each crate may depend on within the workspace: the arrows of ARCHITECTURE.md.
-const ALLOWED: [(&str, &[&str]); 14] = [
+const ALLOWED: [(&str, &[&str]); 15] = [
     ("tensor-slices", &[]),
     ("gpu-tensors", &[]),
     ("hashgrid", &["gpu-tensors", "tensor-slices"]),
@@ -26,6 +26,7 @@ const ALLOWED: [(&str, &[&str]); 14] = [
     ),
     ("io-colmap", &[]),
     ("scene-import", &["io-colmap"]),
+    ("scene-export", &["io-colmap"]),
     ("demo-scene", &[]),
     ("sos-eval", &[]),
     (
@@ -38,6 +39,7 @@ const ALLOWED: [(&str, &[&str]); 14] = [
             "losses",
             "neus-render",
             "scene-decomp",
+            "scene-export",
             "scene-import",
             "sos-eval",
             "tensor-slices",
@@ -76,12 +78,17 @@ const ALLOWED: [(&str, &[&str]); 14] = [
 ];
 
 /// What a crate's own tests may use beyond that.
-const ALLOWED_IN_TESTS: [(&str, &[&str]); 1] = [("losses", &["tensor-slices"])];
+const ALLOWED_IN_TESTS: [(&str, &[&str]); 2] = [
+    ("losses", &["tensor-slices"]),
+    // Reads back what is written for other tools.
+    ("scene-export", &["scene-import"]),
+];
 
 /// Crates that are useful to people who do not use Burn, and quick to build without it.
-const WITHOUT_BURN: [&str; 5] = [
+const WITHOUT_BURN: [&str; 6] = [
     "io-colmap",
     "scene-import",
+    "scene-export",
     "sos-eval",
     "demo-scene",
     "xtask",
