@@ -7,13 +7,15 @@
 mod args;
 mod capture;
 mod evaluate;
+mod export;
 mod hull;
 mod import;
 mod input;
 mod train;
 
 pub use args::{
-    CaptureArgs, Command, CompareArgs, EvalArgs, HullArgs, ImportArgs, ReportArgs, Sos, TrainArgs,
+    CaptureArgs, Command, CompareArgs, EvalArgs, ExportArgs, HullArgs, ImportArgs, ReportArgs, Sos,
+    TrainArgs,
 };
 
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
@@ -58,6 +60,7 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Train(args) => train::train(args),
         Command::Import(args) => import::import(args).map(|()| EXIT_OK),
         Command::Capture(args) => capture::capture(args).map(|()| EXIT_OK),
+        Command::Export(args) => export::export(args).map(|()| EXIT_OK),
         Command::Eval(args) => evaluate::eval(args).map(|()| EXIT_OK),
         Command::Compare(args) => evaluate::compare(args).map(|()| EXIT_OK),
         Command::Hull(args) => hull::write(args).map(|()| EXIT_OK),

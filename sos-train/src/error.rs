@@ -61,6 +61,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             || cause.is::<io_colmap::ColmapError>()
             || cause.is::<scene_import::ImportError>()
             || cause.is::<CaptureError>()
+            || cause.is::<scene_export::ExportError>()
             || cause.is::<sos_eval::EvalError>()
             || cause.is::<demo_scene::DemoError>()
     });

@@ -27,6 +27,7 @@ const ALLOWED: [(&str, &[&str]); 15] = [
     ("io-colmap", &[]),
     ("scene-import", &["io-colmap"]),
     ("scene-capture", &["io-colmap", "scene-import"]),
+    ("scene-export", &["io-colmap"]),
     ("demo-scene", &[]),
     ("sos-eval", &[]),
     (
@@ -39,6 +40,7 @@ const ALLOWED: [(&str, &[&str]); 15] = [
             "losses",
             "neus-render",
             "scene-decomp",
+            "scene-export",
             "scene-import",
             "sos-eval",
             "tensor-slices",
@@ -80,13 +82,16 @@ const ALLOWED: [(&str, &[&str]); 15] = [
 const ALLOWED_IN_TESTS: [(&str, &[&str]); 2] = [
     ("losses", &["tensor-slices"]),
     ("scene-capture", &["demo-scene"]),
+    // Reads back what is written for other tools.
+    ("scene-export", &["scene-import"]),
 ];
 
 /// Crates that are useful to people who do not use Burn, and quick to build without it.
-const WITHOUT_BURN: [&str; 6] = [
+const WITHOUT_BURN: [&str; 7] = [
     "io-colmap",
     "scene-import",
     "scene-capture",
+    "scene-export",
     "sos-eval",
     "demo-scene",
     "xtask",

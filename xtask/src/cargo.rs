@@ -86,6 +86,7 @@ impl Workspace {
         let command = match task {
             Task::Train => program("sos-train", "sos", &["train"]),
             Task::Import => program("sos-train", "sos", &["import"]),
+            Task::Export => program("sos-train", "sos", &["export"]),
             Task::Eval => program("sos-train", "sos", &["eval"]),
             Task::Compare => program("sos-train", "sos", &["compare"]),
             Task::Sos => program("sos-train", "sos", &[]),
@@ -98,7 +99,7 @@ impl Workspace {
         let mut command = command.with_all(arguments);
         if matches!(
             task,
-            Task::Train | Task::Import | Task::Eval | Task::Compare | Task::Sos
+            Task::Train | Task::Import | Task::Export | Task::Eval | Task::Compare | Task::Sos
         ) {
             // So that hints can be pasted: `cargo xtask train --resume`.
             command.environment.push(("SOS_INVOKED_AS", "cargo xtask"));
@@ -202,6 +203,10 @@ mod tests {
         assert_eq!(
             line(Task::Import, &["fox", "--out", "scene"]),
             format!("{sos} import fox --out scene")
+        );
+        assert_eq!(
+            line(Task::Export, &["runs/demo", "--to", "glb"]),
+            format!("{sos} export runs/demo --to glb")
         );
         assert_eq!(line(Task::Sos, &["--version"]), format!("{sos} --version"));
     }

@@ -10,6 +10,7 @@ usage: cargo xtask TASK [ARGUMENTS]
 
   train [SCENE]   train a scene and write mattes, plates, normals, depth and mesh (sos train)
   import SCENE    turn poses of another tool into a COLMAP scene (sos import)
+  export RUN      turn results into EXR layers, OBJ, GLB, COCO, tools' masks (sos export)
   eval RUN        score a run against ground truth (sos eval)
   compare ...     score runs and other systems' masks side by side (sos compare)
   sos ...         any other command of the sos program
@@ -32,6 +33,7 @@ examples:
 pub(crate) enum Task {
     Train,
     Import,
+    Export,
     Eval,
     Compare,
     Sos,
@@ -42,9 +44,10 @@ pub(crate) enum Task {
     Ci,
 }
 
-const TASKS: [(&str, Task); 10] = [
+const TASKS: [(&str, Task); 11] = [
     ("train", Task::Train),
     ("import", Task::Import),
+    ("export", Task::Export),
     ("eval", Task::Eval),
     ("compare", Task::Compare),
     ("sos", Task::Sos),

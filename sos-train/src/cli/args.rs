@@ -40,6 +40,8 @@ pub enum Command {
     Import(ImportArgs),
     /// Turn photos without poses, or a video, into a COLMAP scene, by running COLMAP.
     Capture(CaptureArgs),
+    /// Turn a run's results into what other tools read: EXR layers, OBJ, GLB, COCO, masks.
+    Export(ExportArgs),
     /// Score a run against ground truth and print a table.
     Eval(EvalArgs),
     /// Score several runs, or folders of any system's masks, against the same truth.
@@ -157,6 +159,32 @@ pub struct CaptureArgs {
     #[arg(long, value_name = "DIR")]
     pub masks: Option<PathBuf>,
     /// Replace a scene that was captured before.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `sos export`.
+#[derive(Debug, Clone, Args)]
+#[group(id = "product", required = true, multiple = false, args = ["to", "masks_for"])]
+pub struct ExportArgs {
+    /// Run folder.
+    pub run: PathBuf,
+    /// Format: exr, obj, glb, coco, colmap-scene, alpha8 or premultiplied.
+    #[arg(long, value_name = "FORMAT")]
+    pub to: Option<scene_export::Target>,
+    /// Masks in the conventions of colmap, nerfstudio, brush, instant-ngp, neus or spin-nerf.
+    #[arg(long, value_name = "TOOL")]
+    pub masks_for: Option<scene_export::MaskTool>,
+    /// Folder to create [default: RUN/export/FORMAT].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// The COLMAP scene the run was made from [default: what the run says].
+    #[arg(long, value_name = "DIR")]
+    pub scene: Option<PathBuf>,
+    /// COCO's run lengths as plain numbers instead of packed text.
+    #[arg(long, requires = "to")]
+    pub plain_rle: bool,
+    /// Replace an earlier export.
     #[arg(long)]
     pub force: bool,
 }

@@ -1,0 +1,141 @@
+//! A folder that appears when it is complete.
+
+use crate::error::ExportError;
+use std::fs;
+use std::io::{self, BufWriter, Write as _};
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// Start of the names of folders that are being written.
+const PARTIAL: &str = ".sos-partial-";
+
+/// In every folder written here; what lacks it is somebody else's and is never replaced.
+const RECORD: &str = "export.txt";
+
+/// What to do with an export that is already there.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Existing {
+    /// Refuse.
+    #[default]
+    Keep,
+    /// Put the new one in its place, once that is complete.
+    Replace,
+}
+
+/// A folder in the making, beside its place.
+pub(crate) struct Draft {
+    folder: TempDir,
+    out: PathBuf,
+}
+
+impl Draft {
+    /// Begins a folder; complains before any work is done about what would be in the way at its end.
+    pub(crate) fn begin(out: &Path, existing: Existing) -> Result<Self, ExportError> {
+        match fs::read_dir(out) {
+            Ok(mut entries) => {
+                let ours = out.join(RECORD).is_file();
+                match (entries.next().is_some(), ours, existing) {
+                    (false, ..) | (true, true, Existing::Replace) => {}
+                    (true, true, Existing::Keep) => {
+                        return Err(ExportError::Exists {
+                            path: out.to_path_buf(),
+                        });
+                    }
+                    (true, false, _) => {
+                        return Err(ExportError::bad(
+                            out,
+                            "there is something in it that was not exported here, which is never replaced",
+                            "choose a folder with --out that is empty or does not exist",
+                        ));
+                    }
+                }
+            }
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(_) if out.is_file() => {
+                return Err(ExportError::bad(
+                    out,
+                    "this is a file",
+                    "choose a folder with --out",
+                ));
+            }
+            Err(error) => return Err(ExportError::io("list", out, error)),
+        }
+        let parent = match out.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        fs::create_dir_all(parent).map_err(|e| ExportError::io("create", parent, e))?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(PARTIAL);
+        #[cfg(unix)]
+        {
+            // As for any new folder: what the user's umask leaves of it, not the private 0700.
+            use std::os::unix::fs::PermissionsExt as _;
+            builder.permissions(fs::Permissions::from_mode(0o777));
+        }
+        let folder = builder
+            .tempdir_in(parent)
+            .map_err(|e| ExportError::io("write", parent, e))?;
+        Ok(Self {
+            folder,
+            out: out.to_path_buf(),
+        })
+    }
+
+    /// The folder to write into.
+    pub(crate) fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Where a file belongs, with the folders on the way.
+    pub(crate) fn place(&self, name: &str) -> Result<PathBuf, ExportError> {
+        let path = self.path().join(name);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(|e| ExportError::io("create", folder, e))?;
+        }
+        Ok(path)
+    }
+
+    /// Writes a file.
+    pub(crate) fn write(
+        &self,
+        name: &str,
+        fill: impl FnOnce(&mut BufWriter<fs::File>) -> io::Result<()>,
+    ) -> Result<(), ExportError> {
+        let path = self.place(name)?;
+        let write = || {
+            let mut out = BufWriter::with_capacity(1 << 16, fs::File::create(&path)?);
+            fill(&mut out)?;
+            out.flush()
+        };
+        write().map_err(|e| ExportError::io("write", &self.out.join(name), e))
+    }
+
+    /// Puts the folder in its place, with a record of what is in it.
+    pub(crate) fn finish(self, record: &str) -> Result<(), ExportError> {
+        self.write(RECORD, |out| out.write_all(record.as_bytes()))?;
+        let out = &self.out;
+        let fail = |e| ExportError::io("create", out, e);
+        // Takes the place of an empty folder too, where the system allows it.
+        let _ = fs::remove_dir(out);
+        let old = out
+            .exists()
+            .then(|| self.folder.path().with_extension("old"));
+        if let Some(old) = &old {
+            fs::rename(out, old).map_err(fail)?;
+        }
+        if let Err(error) = fs::rename(self.folder.path(), out) {
+            if let Some(old) = &old {
+                // The error that is on its way says more than one from going back.
+                let _ = fs::rename(old, out);
+            }
+            return Err(fail(error));
+        }
+        // There is nothing left to remove at the temporary name.
+        let _ = self.folder.keep();
+        match old {
+            Some(old) => fs::remove_dir_all(&old).map_err(|e| ExportError::io("remove", &old, e)),
+            None => Ok(()),
+        }
+    }
+}

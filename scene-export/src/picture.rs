@@ -1,0 +1,120 @@
+//! Pictures: mattes and cut-outs in memory, PNG files that say what they hold.
+//!
+//! The crate `png` and not `image`, which cannot state the colour space or leave a remark in the file.
+
+use crate::draft::Draft;
+use crate::error::ExportError;
+use png::{BitDepth, ColorType, Compression, Encoder, SrgbRenderingIntent};
+use std::io::{self, Write};
+
+/// From this value of 65535 on, a pixel is the object's.
+pub(crate) const HALF: u16 = 1 << 15;
+
+/// Coverage by the object, `[height * width]`, rows from the top, 0..=65535.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Matte {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) values: Vec<u16>,
+}
+
+/// A matte with the object's own colours, sRGB, straight.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Cutout {
+    pub(crate) alpha: Matte,
+    pub(crate) colours: Vec<[u8; 3]>,
+}
+
+impl Matte {
+    /// One byte a pixel: `inside` where the object covers at least half of it, else `outside`.
+    pub(crate) fn binary(&self, inside: u8, outside: u8) -> Vec<u8> {
+        let byte = |value: &u16| if *value >= HALF { inside } else { outside };
+        self.values.iter().map(byte).collect()
+    }
+
+    /// Whether the object covers at least half of the pixel in which a point lies.
+    pub(crate) fn holds(&self, x: f64, y: f64) -> Option<bool> {
+        let inside =
+            x >= 0.0 && y >= 0.0 && x < f64::from(self.width) && y < f64::from(self.height);
+        inside.then(|| {
+            let at = y as usize * self.width as usize + x as usize;
+            self.values[at] >= HALF
+        })
+    }
+}
+
+/// 0..=65535 as 0..=255, rounded.
+pub(crate) fn byte(word: u16) -> u8 {
+    ((u32::from(word) + 128) / 257) as u8
+}
+
+/// A colour, with which the file says sRGB, or a measurement, with which it claims no colour space.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Grey,
+    Rgb,
+    Rgba,
+}
+
+/// An 8-bit picture ready to be encoded, rows from the top.
+pub(crate) struct Picture<'a> {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) kind: Kind,
+    /// For people who wonder what they have before them.
+    pub(crate) remark: &'a str,
+    pub(crate) bytes: &'a [u8],
+}
+
+impl Picture<'_> {
+    pub(crate) fn write(&self, draft: &Draft, name: &str) -> Result<(), ExportError> {
+        draft.write(name, |out| self.encode(out))
+    }
+
+    fn encode(&self, out: &mut impl Write) -> io::Result<()> {
+        let mut encoder = Encoder::new(out, self.width, self.height);
+        encoder.set_color(match self.kind {
+            Kind::Grey => ColorType::Grayscale,
+            Kind::Rgb => ColorType::Rgb,
+            Kind::Rgba => ColorType::Rgba,
+        });
+        encoder.set_depth(BitDepth::Eight);
+        encoder.set_compression(Compression::Fast);
+        if self.kind != Kind::Grey {
+            encoder.set_source_srgb(SrgbRenderingIntent::RelativeColorimetric);
+        }
+        encoder.add_text_chunk("Description".to_owned(), self.remark.to_owned())?;
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(self.bytes)?;
+        Ok(writer.finish()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_are_rounded() {
+        assert_eq!((byte(0), byte(65535), byte(257)), (0, 255, 1));
+        for value in 0..=u16::MAX {
+            let exact = (f64::from(value) / 257.0).round();
+            assert_eq!(f64::from(byte(value)), exact, "{value}");
+        }
+    }
+
+    #[test]
+    fn points_fall_into_pixels() {
+        let matte = Matte {
+            width: 2,
+            height: 1,
+            values: vec![HALF - 1, HALF],
+        };
+        assert_eq!(matte.binary(255, 0), [0, 255]);
+        assert_eq!(matte.holds(0.99, 0.5), Some(false));
+        assert_eq!(matte.holds(1.0, 0.5), Some(true));
+        for (x, y) in [(2.0, 0.5), (-0.1, 0.5), (0.5, 1.0), (f64::NAN, 0.5)] {
+            assert_eq!(matte.holds(x, y), None);
+        }
+    }
+}

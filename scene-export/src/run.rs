@@ -1,0 +1,281 @@
+//! A finished run's folder, as it lies on disk: what is in it, and the scene it was made from.
+
+use crate::error::ExportError;
+use crate::picture::{Cutout, Matte};
+use image::{DynamicImage, ImageReader};
+use io_colmap::{Camera, Scene, View};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Component, Path, PathBuf};
+
+/// A run with at least one matte.
+#[derive(Debug, Clone)]
+pub(crate) struct Run {
+    pub(crate) root: PathBuf,
+    /// One per matte: its path below `alpha/` without ending, with `/` between folders, sorted.
+    pub(crate) keys: Vec<String>,
+}
+
+/// A photo of the scene with the run's matte of it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Posed<'a> {
+    pub(crate) view: &'a View,
+    pub(crate) camera: &'a Camera,
+    pub(crate) key: &'a str,
+}
+
+/// The part of `config.toml` that is read here.
+#[derive(Debug, serde::Deserialize)]
+struct Config {
+    input: Option<Input>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+struct Input {
+    scene: Option<PathBuf>,
+}
+
+impl Run {
+    pub(crate) fn open(root: &Path) -> Result<Self, ExportError> {
+        if !root.join("config.toml").is_file() {
+            return Err(ExportError::bad(
+                root,
+                "there is no run in it (config.toml is missing)",
+                "give the folder that sos train wrote",
+            ));
+        }
+        let alpha = root.join("alpha");
+        let mut keys = Vec::new();
+        if alpha.is_dir() {
+            collect(&alpha, "", &mut keys)?;
+        }
+        keys.sort();
+        if keys.is_empty() {
+            return Err(ExportError::bad(
+                &alpha,
+                "there are no mattes in it yet",
+                "let the run come to its end: sos train --resume --out RUN",
+            ));
+        }
+        Ok(Self {
+            root: root.to_path_buf(),
+            keys,
+        })
+    }
+
+    /// Where a view's picture lies.
+    pub(crate) fn picture_path(&self, folder: &str, key: &str, ending: &str) -> PathBuf {
+        self.root.join(folder).join(format!("{key}.{ending}"))
+    }
+
+    pub(crate) fn matte(&self, key: &str) -> Result<Matte, ExportError> {
+        let grey = open_picture(&self.picture_path("alpha", key, "png"))?.into_luma16();
+        Ok(Matte {
+            width: grey.width(),
+            height: grey.height(),
+            values: grey.into_raw(),
+        })
+    }
+
+    /// A view's matte, which must have its camera's size.
+    pub(crate) fn matte_of(&self, posed: Posed<'_>) -> Result<Matte, ExportError> {
+        let matte = self.matte(posed.key)?;
+        let camera = (posed.camera.width, posed.camera.height);
+        if (matte.width, matte.height) == camera {
+            return Ok(matte);
+        }
+        Err(ExportError::bad(
+            &self.picture_path("alpha", posed.key, "png"),
+            format!(
+                "the matte is {}x{} but the photo {:?} is {}x{}",
+                matte.width, matte.height, posed.view.name, camera.0, camera.1
+            ),
+            "give the scene that the run was made from with --scene",
+        ))
+    }
+
+    /// A view's colours of the object with its matte.
+    pub(crate) fn cutout(&self, key: &str) -> Result<Cutout, ExportError> {
+        let alpha = self.matte(key)?;
+        let colours = self.rgb("foreground", key, (alpha.width, alpha.height))?;
+        Ok(Cutout { alpha, colours })
+    }
+
+    /// An RGB picture of a view, `[height * width]`; alpha is left out.
+    pub(crate) fn rgb(
+        &self,
+        folder: &str,
+        key: &str,
+        size: (u32, u32),
+    ) -> Result<Vec<[u8; 3]>, ExportError> {
+        let path = self.picture_path(folder, key, "png");
+        let picture = open_picture(&path)?;
+        self.check_size(&path, (picture.width(), picture.height()), size)?;
+        Ok(match picture {
+            DynamicImage::ImageRgba8(rgba) => rgba.pixels().map(|p| [p[0], p[1], p[2]]).collect(),
+            other => other.into_rgb8().pixels().map(|p| p.0).collect(),
+        })
+    }
+
+    /// All pictures of a view have one size.
+    pub(crate) fn check_size(
+        &self,
+        path: &Path,
+        found: (u32, u32),
+        wanted: (u32, u32),
+    ) -> Result<(), ExportError> {
+        if found == wanted {
+            return Ok(());
+        }
+        Err(ExportError::bad(
+            path,
+            format!(
+                "it is {}x{} but the matte is {}x{}",
+                found.0, found.1, wanted.0, wanted.1
+            ),
+            "the files are of different runs; make the run again with sos train --force",
+        ))
+    }
+
+    /// The COLMAP scene that the run was made from: where it is stated to be, else in the run's own
+    /// folder, else where `config.toml` says.
+    pub(crate) fn scene(&self, stated: Option<&Path>) -> Result<Scene, ExportError> {
+        if let Some(folder) = stated {
+            return Ok(Scene::open(folder)?);
+        }
+        let own = self.root.join("scene");
+        if Scene::has_model(&own) {
+            return Ok(Scene::open(&own)?);
+        }
+        let path = self.root.join("config.toml");
+        let text = fs::read_to_string(&path).map_err(|e| ExportError::io("read", &path, e))?;
+        let config: Config = toml::from_str(&text).map_err(|e| {
+            ExportError::bad(
+                &path,
+                format!("this is no run's configuration ({})", e.message()),
+                "name the run's scene with --scene",
+            )
+        })?;
+        match config.input.and_then(|input| input.scene) {
+            Some(scene) if Scene::has_model(&scene) => Ok(Scene::open(&scene)?),
+            Some(scene) => Err(ExportError::bad(
+                &scene,
+                "the run was made from the COLMAP scene that was here, and there is none now",
+                "say where it is with --scene",
+            )),
+            None => Err(ExportError::bad(
+                &path,
+                "it does not say which scene the run was made from",
+                "say where it is with --scene",
+            )),
+        }
+    }
+
+    /// Every photo of the scene with its matte, in the model's order, which is by name.
+    pub(crate) fn posed<'a>(&'a self, scene: &'a Scene) -> Result<Vec<Posed<'a>>, ExportError> {
+        let by_key: BTreeMap<&str, ()> = self.keys.iter().map(|key| (key.as_str(), ())).collect();
+        let mut taken: BTreeMap<&str, &str> = BTreeMap::new();
+        let views = &scene.model.views;
+        views
+            .iter()
+            .map(|view| {
+                let wanted = key_of(&view.name);
+                let camera = scene.model.cameras.get(&view.camera_id);
+                let key = by_key.get_key_value(wanted.as_str());
+                let (Some((key, ())), Some(camera)) = (key, camera) else {
+                    return Err(ExportError::bad(
+                        &self.picture_path("alpha", &wanted, "png"),
+                        format!(
+                            "the run has no matte of {:?}, one of the {} photos in {}",
+                            view.name,
+                            views.len(),
+                            scene.root.display()
+                        ),
+                        "give the scene that the run was made from with --scene",
+                    ));
+                };
+                if let Some(first) = taken.insert(key, &view.name) {
+                    return Err(ExportError::bad(
+                        &scene.image_path(view),
+                        format!("this photo and {first:?} differ only in their ending"),
+                        "rename one of them in the photo folder and the model",
+                    ));
+                }
+                Ok(Posed { view, camera, key })
+            })
+            .collect()
+    }
+}
+
+/// The name under which a photo's pictures lie in a run: without its ending, and without parts that
+/// would lead elsewhere.
+pub(crate) fn key_of(photo: &str) -> String {
+    // COLMAP models made on Windows have backslashes.
+    let clean = photo.replace('\\', "/");
+    let mut parts: Vec<String> = Path::new(&clean)
+        .components()
+        .filter_map(|part| match part {
+            Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
+            _ => None,
+        })
+        .collect();
+    if let Some(last) = parts.last_mut() {
+        let stem = Path::new(last.as_str()).file_stem();
+        *last = stem.unwrap_or_default().to_string_lossy().into_owned();
+    }
+    parts.join("/")
+}
+
+/// A picture that the run wrote.
+fn open_picture(path: &Path) -> Result<DynamicImage, ExportError> {
+    let reader = ImageReader::open(path)
+        .and_then(ImageReader::with_guessed_format)
+        .map_err(|e| ExportError::io("read", path, e))?;
+    reader.decode().map_err(|e| {
+        ExportError::bad(
+            path,
+            format!("the picture cannot be read ({e})"),
+            "make the run's results again with sos train --resume",
+        )
+    })
+}
+
+/// The PNG files below a folder.
+fn collect(folder: &Path, prefix: &str, keys: &mut Vec<String>) -> Result<(), ExportError> {
+    let fail = |e| ExportError::io("list", folder, e);
+    for entry in fs::read_dir(folder).map_err(fail)? {
+        let entry = entry.map_err(fail)?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if name.starts_with('.') {
+            continue;
+        }
+        let path = entry.path();
+        if path.is_dir() {
+            // A link could lead back here.
+            if !path.is_symlink() {
+                collect(&path, &format!("{prefix}{name}/"), keys)?;
+            }
+        } else if let Some(stem) = name.strip_suffix(".png") {
+            keys.push(format!("{prefix}{stem}"));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_those_that_runs_are_written_under() {
+        for (photo, key) in [
+            ("000.jpg", "000"),
+            ("a/b.c.JPG", "a/b.c"),
+            ("a\\b.png", "a/b"),
+            ("../up.png", "up"),
+            ("/etc/x.png", "etc/x"),
+        ] {
+            assert_eq!(key_of(photo), key);
+        }
+    }
+}

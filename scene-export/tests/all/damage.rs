@@ -1,0 +1,183 @@
+//! Input that cannot be used gives one sentence with the file and the remedy.
+
+use crate::rig::{PLY, Rig, save};
+use io_colmap::CameraModel;
+use scene_export::{ExportError, MaskTool, Options, Product, Target, export};
+use std::fs;
+
+/// The error of an export, which is one line and leaves nothing behind.
+fn complaint(rig: &Rig, product: Product) -> String {
+    let error: ExportError = rig.export(product).unwrap_err();
+    let text = error.to_string();
+    assert!(!text.contains('\n'), "{text}");
+    assert!(!rig.out().exists());
+    text
+}
+
+#[test]
+fn folders_without_a_finished_run_are_refused() {
+    let rig = Rig::new();
+    let nothing = rig.run().join("scene");
+    let product = Product::Files(Target::Exr);
+    let error = export(&nothing, product, &rig.out(), &Options::default()).unwrap_err();
+    assert!(
+        error.to_string().contains("config.toml is missing"),
+        "{error}"
+    );
+    fs::remove_dir_all(rig.run().join("alpha")).unwrap();
+    let text = complaint(&rig, product);
+    assert!(
+        text.contains("no mattes") && text.contains("--resume"),
+        "{text}"
+    );
+}
+
+#[test]
+fn damaged_pictures_are_named() {
+    let exr = Product::Files(Target::Exr);
+    for (file, bytes, says) in [
+        ("alpha/001.png", &b"no picture"[..], "alpha/001.png"),
+        ("foreground/000.png", b"", "foreground/000.png"),
+        (
+            "depth/000.exr",
+            b"\x76\x2f\x31\x01rest",
+            "depth cannot be read",
+        ),
+    ] {
+        let rig = Rig::new();
+        fs::write(rig.run().join(file), bytes).unwrap();
+        let text = complaint(&rig, exr);
+        assert!(text.contains(says), "{text}");
+    }
+    let rig = Rig::new();
+    let small = image::RgbImage::new(3, 2);
+    save(&rig.run().join("background/002.png"), |path| {
+        small.save(path)
+    });
+    let text = complaint(&rig, exr);
+    assert!(text.contains("it is 3x2 but the matte is 40x30"), "{text}");
+    let text = {
+        let grey = image::GrayImage::new(40, 30);
+        save(&rig.run().join("foreground/000.png"), |path| {
+            grey.save(path)
+        });
+        complaint(&rig, Product::Files(Target::ColmapScene))
+    };
+    assert!(text.contains("no 8-bit RGBA"), "{text}");
+}
+
+#[test]
+fn damaged_meshes_are_explained() {
+    for (ply, says) in [
+        ("ply\nformat ascii 1.0\n", "mesh.ply"),
+        ("not a mesh at all", "mesh.ply"),
+        (
+            &PLY.replace("3 0 2 4\n", "3 0 2 6\n"),
+            "face 0 names vertex 6 of 6",
+        ),
+        (
+            &PLY.replace("property float x\n", "property float w\n"),
+            "vertex 0 has no finite",
+        ),
+        (&PLY.replace("vertex 6", "vertex 60000000"), "mesh.ply"),
+        (
+            "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nend_header\n",
+            "no triangles",
+        ),
+    ] {
+        let rig = Rig::new();
+        fs::write(rig.run().join("mesh.ply"), ply).unwrap();
+        for target in [Target::Obj, Target::Glb] {
+            let text = complaint(&rig, Product::Files(target));
+            assert!(text.contains(says), "{text}");
+        }
+    }
+    let rig = Rig::new();
+    fs::remove_file(rig.run().join("mesh.ply")).unwrap();
+    let text = complaint(&rig, Product::Files(Target::Glb));
+    assert!(text.contains("the run has no mesh"), "{text}");
+    let text = complaint(&rig, Product::Masks(MaskTool::Neus));
+    assert!(text.contains("the run has no mesh"), "{text}");
+}
+
+#[test]
+fn scenes_that_are_not_the_runs_are_refused() {
+    let coco = Product::Files(Target::Coco);
+    let rig = Rig::new();
+    rig.remodel(|model| {
+        for view in &mut model.views {
+            if view.name == "000.png" {
+                view.name = "003.png".to_owned();
+            }
+        }
+    });
+    let images = rig.run().join("scene/images");
+    fs::copy(images.join("000.png"), images.join("003.png")).unwrap();
+    let text = complaint(&rig, coco);
+    assert!(
+        text.contains("no matte of \"003.png\"") && text.contains("--scene"),
+        "{text}"
+    );
+
+    let rig = Rig::new();
+    let scene = rig.run().join("scene/images");
+    for name in crate::rig::PHOTOS {
+        let photo = image::RgbImage::new(80, 60);
+        save(&scene.join(name), |path| photo.save(path));
+    }
+    let text = complaint(&rig, coco);
+    assert!(text.contains("40x30") && text.contains("80x60"), "{text}");
+
+    let rig = Rig::new();
+    fs::rename(rig.run().join("scene"), rig.run().join("moved")).unwrap();
+    let text = complaint(&rig, coco);
+    assert!(
+        text.contains("/nowhere/scene") && text.contains("--scene"),
+        "{text}"
+    );
+    let options = Options {
+        scene: Some(rig.run().join("moved")),
+        ..Options::default()
+    };
+    export(&rig.run(), coco, &rig.out(), &options).unwrap();
+
+    let rig = Rig::new();
+    fs::rename(rig.run().join("scene"), rig.run().join("moved")).unwrap();
+    fs::write(rig.run().join("config.toml"), "[input\n").unwrap();
+    let text = complaint(&rig, coco);
+    assert!(text.contains("no run's configuration"), "{text}");
+}
+
+#[test]
+fn lenses_that_a_tool_does_not_know_are_refused() {
+    let rig = Rig::new();
+    rig.remodel(|model| {
+        let camera = model.cameras.get_mut(&1).unwrap();
+        camera.model = CameraModel::Fov;
+        camera.params.push(0.1);
+    });
+    for tool in [MaskTool::Nerfstudio, MaskTool::InstantNgp, MaskTool::Neus] {
+        let text = complaint(&rig, Product::Masks(tool));
+        assert!(
+            text.contains("FOV") && text.contains("image_undistorter"),
+            "{text}"
+        );
+    }
+    let rig = Rig::new();
+    rig.remodel(|model| {
+        let mut other = model.cameras[&1].clone();
+        other.id = 2;
+        other.model = CameraModel::OpenCvFisheye;
+        other.params.extend([0.1, 0.0, 0.0, 0.0]);
+        model.cameras.insert(2, other);
+        model.views[1].camera_id = 2;
+    });
+    let text = complaint(&rig, Product::Masks(MaskTool::Nerfstudio));
+    assert!(text.contains("mixes fisheye"), "{text}");
+}
+
+#[test]
+fn names_that_spin_nerf_would_mix_up_are_refused() {
+    let text = complaint(&Rig::new(), Product::Masks(MaskTool::SpinNerf));
+    assert!(text.contains("sub-folder"), "{text}");
+}

@@ -1,0 +1,37 @@
+//! `sos export`: a run's results in the formats and conventions of other tools.
+
+use super::{ExportArgs, answer};
+use scene_export::{Existing, Options, Product, RunLengths};
+use std::io::Write as _;
+
+/// Exports a run.
+pub(super) fn export(args: &ExportArgs) -> anyhow::Result<()> {
+    let products = args.to.map(Product::Files).into_iter();
+    let products = products.chain(args.masks_for.map(Product::Masks));
+    let options = Options {
+        scene: args.scene.clone(),
+        existing: if args.force {
+            Existing::Replace
+        } else {
+            Existing::Keep
+        },
+        run_lengths: if args.plain_rle {
+            RunLengths::Plain
+        } else {
+            RunLengths::Packed
+        },
+    };
+    // The command line has one of the two.
+    for product in products {
+        let out = args
+            .out
+            .clone()
+            .unwrap_or_else(|| product.default_folder(&args.run));
+        let written = scene_export::export(&args.run, product, &out, &options)?;
+        for note in &written.notes {
+            let _ = writeln!(std::io::stderr(), "{note}");
+        }
+        answer(&written.sentence(product));
+    }
+    Ok(())
+}
