@@ -77,10 +77,12 @@ impl Models {
         let mut notes = vec![format!("{registered} of {photos} photos have poses")];
         if let [_, others @ ..] = &*self.sizes
             && !others.is_empty()
+            // COLMAP may keep a first attempt beside a model of all photos.
+            && registered < photos
         {
             let others: Vec<String> = others.iter().map(ToString::to_string).collect();
             notes.push(format!(
-                "the photos fell apart into {} models that share nothing; sparse/0 is the largest, \
+                "the photos fell apart into {} models; sparse/0 is the largest, \
                  the others have {} photos",
                 self.sizes.len(),
                 others.join(", ")

@@ -363,6 +363,11 @@ impl Job<'_> {
                 Mapped::Some => Models::sort(&sparse)?,
                 Mapped::None => Models { sizes: Vec::new() },
             };
+            self.watch.progress(Progress {
+                stage: Stage::Poses,
+                done: models.registered(),
+                total: photos,
+            });
             if best
                 .as_ref()
                 .is_none_or(|(so_far, _)| models.registered() > so_far.registered())
