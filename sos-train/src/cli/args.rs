@@ -165,7 +165,8 @@ pub struct CaptureArgs {
 
 /// `sos export`.
 #[derive(Debug, Clone, Args)]
-#[group(id = "product", required = true, multiple = false, args = ["to", "masks_for"])]
+#[group(skip)]
+#[command(group = ArgGroup::new("product").required(true).args(["to", "masks_for"]))]
 pub struct ExportArgs {
     /// Run folder.
     pub run: PathBuf,
