@@ -2,7 +2,7 @@
 
 use crate::config::{MaskPolarity, Preset};
 use crate::discover::hint::{Click, WorldBox};
-use clap::{ArgAction, Args, Parser, Subcommand};
+use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
