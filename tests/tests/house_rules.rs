@@ -39,6 +39,7 @@ const ALLOWED: [(&str, &[&str]); 16] = [
             "io-colmap",
             "losses",
             "neus-render",
+            "scene-capture",
             "scene-decomp",
             "scene-export",
             "scene-import",
