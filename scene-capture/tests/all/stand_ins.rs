@@ -174,7 +174,7 @@ esac"#,
 /// Stripes of that contrast, from a place that changes with `at`.
 pub(crate) fn stripes(at: u32, contrast: u8) -> RgbImage {
     RgbImage::from_fn(64, 48, |x, _| {
-        Rgb([100 + contrast * u8::from((x + at) / 8 % 2 == 0); 3])
+        Rgb([100 + contrast * u8::from(((x + at) / 8).is_multiple_of(2)); 3])
     })
 }
 
