@@ -17,7 +17,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// What a scene has to be captured from before anything else: photos without poses, or a video.
 pub(super) fn source_without_poses(path: &Path) -> Option<Source> {
-    scene_capture::detect(path)
+    // The pictures in a run are results.
+    let is_run = RunFolder::open_existing(path).is_ok();
+    scene_capture::detect(path).filter(|_| !is_run)
 }
 
 /// Makes a COLMAP scene of photos or a video.
