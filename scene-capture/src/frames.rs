@@ -126,7 +126,8 @@ fn notes(
     )];
     if still > 0 {
         notes.push(format!(
-            "{still} more are left out, as nothing had moved since the one before"
+            "nothing had moved since the frame before in {still} of {} moments, which are left out",
+            windows.count
         ));
     }
     if info.is_hdr {

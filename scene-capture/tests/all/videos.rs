@@ -33,7 +33,7 @@ fn the_sharpest_frames_become_photos() {
     assert_eq!((captured.photos, captured.registered), (6, 6));
     for said in [
         "6 frames of 64x48 are taken from 2.0 seconds",
-        "2 more are left out, as nothing had moved",
+        "nothing had moved since the frame before in 2 of 8 moments",
         "ffmpeg complained about the video: Error: odd packet",
         "comparing neighbours gave poses for 3 of 6 photos",
         "6 of 6 photos have poses",
