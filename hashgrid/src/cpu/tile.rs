@@ -88,6 +88,12 @@ impl WithSimd for EncodeTile<'_> {
         }
         let mut jacobian = self.jacobian;
         let rows = FEATURES * points;
+        let smooth = self.layout.interpolation == Interpolation::Smoothstep;
+        let active = self.active.min(self.layout.levels.len());
+        let table_of = |level: &LevelLayout| {
+            &self.table[FEATURES * level.offset..FEATURES * (level.offset + level.entries)]
+        };
+        let mut block = Cells::EMPTY;
         for (l, (level, values)) in self
             .layout
             .levels
@@ -98,75 +104,108 @@ impl WithSimd for EncodeTile<'_> {
             let jacobian = jacobian
                 .as_deref_mut()
                 .map(|j| &mut j[3 * rows * l..3 * rows * (l + 1)]);
-            if l >= self.active {
+            if l >= active {
                 values.fill(0.0);
                 if let Some(jacobian) = jacobian {
                     jacobian.fill(0.0);
                 }
                 continue;
             }
-            let table =
-                &self.table[FEATURES * level.offset..FEATURES * (level.offset + level.entries)];
-            let smooth = self.layout.interpolation == Interpolation::Smoothstep;
-            match (level.hashed, smooth) {
-                (false, false) => {
-                    encode_level::<false, false>(level, table, self.position, values, jacobian)
-                }
-                (false, true) => {
-                    encode_level::<false, true>(level, table, self.position, values, jacobian)
-                }
-                (true, false) => {
-                    encode_level::<true, false>(level, table, self.position, values, jacobian)
-                }
-                (true, true) => {
-                    encode_level::<true, true>(level, table, self.position, values, jacobian)
-                }
+            if l == 0 {
+                block = first_block(level, smooth, self.position);
             }
+            let next = self.layout.levels[..active]
+                .get(l + 1)
+                .map(|next| (next, table_of(next)));
+            let one = Level {
+                level,
+                table: table_of(level),
+                position: self.position,
+                block,
+                next,
+            };
+            block = match (level.hashed, smooth) {
+                (false, false) => one.encode::<false, false>(values, jacobian),
+                (false, true) => one.encode::<false, true>(values, jacobian),
+                (true, false) => one.encode::<true, false>(values, jacobian),
+                (true, true) => one.encode::<true, true>(values, jacobian),
+            };
         }
     }
 }
 
-/// One level of a tile: `values` is `[2, p]`, `jacobian` `[2, 3, p]`, `table` this level's entries.
+/// The cells of a level's first 16 points.
 #[inline(always)]
-fn encode_level<const HASHED: bool, const SMOOTH: bool>(
-    level: &LevelLayout,
-    table: &[f32],
-    position: [&[f32]; 3],
-    values: &mut [f32],
-    mut jacobian: Option<&mut [f32]>,
-) {
-    check_level(level, table.len());
-    let [x, y, z] = position.map(|axis| axis.as_chunks::<LANES>().0);
-    let blocks = x.len();
-    let values = values.as_chunks_mut::<LANES>().0;
-    // Two sets of cells in turn: while one is gathered, the other's cache lines are on their way.
-    let first = locate::<HASHED, SMOOTH>(level, &x[0], &y[0], &z[0]);
-    let mut ring = [first, Cells::EMPTY];
-    for b in 0..blocks {
-        if b + 1 < blocks {
-            let next = &mut ring[(b + 1) & 1];
-            *next = locate::<HASHED, SMOOTH>(level, &x[b + 1], &y[b + 1], &z[b + 1]);
-            prefetch(table, next);
-        }
-        let cells = &ring[b & 1];
-        let corners = gather(table, cells);
-        match &mut jacobian {
-            None => {
-                for f in 0..FEATURES {
-                    values[f * blocks + b] = blend(&corners[f], &cells.weight);
-                }
+fn first_block(level: &LevelLayout, smooth: bool, position: [&[f32]; 3]) -> Cells {
+    let [x, y, z] = position.map(|axis| &axis.as_chunks::<LANES>().0[0]);
+    match (level.hashed, smooth) {
+        (false, false) => locate::<false, false>(level, x, y, z),
+        (false, true) => locate::<false, true>(level, x, y, z),
+        (true, false) => locate::<true, false>(level, x, y, z),
+        (true, true) => locate::<true, true>(level, x, y, z),
+    }
+}
+
+/// One level of a tile.
+struct Level<'a> {
+    level: &'a LevelLayout,
+    /// This level's entries.
+    table: &'a [f32],
+    position: [&'a [f32]; 3],
+    /// The first 16 points' cells.
+    block: Cells,
+    /// The level after this one, with its entries.
+    next: Option<(&'a LevelLayout, &'a [f32])>,
+}
+
+impl Level<'_> {
+    /// `values` is `[2, p]`, `jacobian` `[2, 3, p]`; returns the first cells of the next level.
+    ///
+    /// While 16 points' corners are gathered, the cache lines of the next 16, or of the next level's
+    /// first, are on their way.
+    #[inline(always)]
+    fn encode<const HASHED: bool, const SMOOTH: bool>(
+        self,
+        values: &mut [f32],
+        mut jacobian: Option<&mut [f32]>,
+    ) -> Cells {
+        let Self { level, table, .. } = self;
+        check_level(level, table.len());
+        let [x, y, z] = self.position.map(|axis| axis.as_chunks::<LANES>().0);
+        let blocks = x.len();
+        let values = values.as_chunks_mut::<LANES>().0;
+        let mut ring = [self.block, Cells::EMPTY];
+        for b in 0..blocks {
+            let following = &mut ring[(b + 1) & 1];
+            if b + 1 < blocks {
+                *following = locate::<HASHED, SMOOTH>(level, &x[b + 1], &y[b + 1], &z[b + 1]);
+                prefetch(table, following);
+            } else if let Some((next, table)) = self.next {
+                *following = first_block(next, SMOOTH, self.position);
+                prefetch(table, following);
             }
-            Some(jacobian) => {
-                let jacobian = jacobian.as_chunks_mut::<LANES>().0;
-                for f in 0..FEATURES {
-                    let (value, gradient) = blend_with_gradient(&corners[f], cells);
-                    values[f * blocks + b] = value;
-                    for axis in 0..3 {
-                        jacobian[(3 * f + axis) * blocks + b] = gradient[axis];
+            let cells = &ring[b & 1];
+            let corners = gather(table, cells);
+            match &mut jacobian {
+                None => {
+                    for f in 0..FEATURES {
+                        values[f * blocks + b] = blend(&corners[f], &cells.weight);
+                    }
+                }
+                Some(jacobian) => {
+                    let jacobian = jacobian.as_chunks_mut::<LANES>().0;
+                    for f in 0..FEATURES {
+                        let (value, gradient) = blend_with_gradient(&corners[f], cells);
+                        values[f * blocks + b] = value;
+                        for axis in 0..3 {
+                            jacobian[(3 * f + axis) * blocks + b] = gradient[axis];
+                        }
                     }
                 }
             }
         }
+        let [even, odd] = ring;
+        if blocks & 1 == 0 { even } else { odd }
     }
 }
 
