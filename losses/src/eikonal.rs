@@ -37,5 +37,15 @@ pub fn eikonal_loss(normals: Tensor<2>, weights: Option<Tensor<1>>) -> Tensor<1>
     expect_shape("eikonal_loss", "normals", &normals, [n, 3]);
     expect_weights("eikonal_loss", weights.as_ref(), n);
     let length = normals.square().sum_dim(1).add_scalar(LENGTH_OFFSET).sqrt();
-    weighted_mean((length - 1.0).square().reshape([n]), weights)
+    eikonal_loss_of_lengths(length.reshape([n]), weights)
+}
+
+/// [`eikonal_loss`] of normals whose `lengths` `[n]` are known already.
+///
+/// # Panics
+/// When a shape is wrong.
+pub fn eikonal_loss_of_lengths(lengths: Tensor<1>, weights: Option<Tensor<1>>) -> Tensor<1> {
+    let [n] = lengths.dims();
+    expect_weights("eikonal_loss_of_lengths", weights.as_ref(), n);
+    weighted_mean((lengths - 1.0).square(), weights)
 }

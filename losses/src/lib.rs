@@ -59,7 +59,7 @@ mod sparsity;
 pub use background::background_loss;
 pub use colour::ColourLoss;
 pub use curvature::curvature_loss;
-pub use eikonal::eikonal_loss;
+pub use eikonal::{eikonal_loss, eikonal_loss_of_lengths};
 pub use entropy::opacity_entropy;
 pub use mask::{OPACITY_OFFSET, ignore_band, mask_loss};
 pub use points::{PointPenalty, point_loss};

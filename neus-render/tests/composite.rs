@@ -74,14 +74,38 @@ fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.into_data().try_to_vec().unwrap()
 }
 
+/// Rows with a further column, which nobody is to read.
+fn widened(values: &[f32], width: usize) -> Vec<f32> {
+    let rows = values.chunks_exact(width);
+    rows.flat_map(|row| row.iter().copied().chain([7e7]))
+        .collect()
+}
+
+/// The gradient without that column, where it must be zero.
+fn narrowed(gradient: Option<Tensor<2>>, width: usize) -> Vec<f32> {
+    let gradient = gradient.map(numbers).unwrap_or_default();
+    let mut out = Vec::new();
+    for row in gradient.chunks_exact(width + 1) {
+        assert_eq!(row[width], 0.0);
+        out.extend_from_slice(&row[..width]);
+    }
+    out
+}
+
 fn run(scene: &Scene, probe: &[f32], device: &Device, which: Which) -> Outcome {
     let device = device.clone().autodiff();
     let (m_f, m_b) = (scene.object.len(), scene.background.len());
     let leaf = |values: Vec<f32>, shape: [usize; 2]| {
         Tensor::<2>::from_data(TensorData::new(values, shape), &device).require_grad()
     };
-    let object = leaf(scene.object_f32(), [m_f, object_column::COUNT]);
-    let background = leaf(scene.background_f32(), [m_b, background_column::COUNT]);
+    let object = leaf(
+        widened(&scene.object_f32(), object_column::COUNT),
+        [m_f, object_column::COUNT + 1],
+    );
+    let background = leaf(
+        widened(&scene.background_f32(), background_column::COUNT),
+        [m_b, background_column::COUNT + 1],
+    );
     let sharpness = Tensor::<1>::from_floats(scene.sharpness.map(|v| v as f32), &device);
     let sharpness = sharpness.require_grad();
     let inputs = (object.clone(), background.clone(), sharpness.clone());
@@ -103,8 +127,8 @@ fn run(scene: &Scene, probe: &[f32], device: &Device, which: Which) -> Outcome {
     let grads = (pixels.clone() * probe).sum().backward();
     Outcome {
         pixels: numbers(pixels),
-        object: object.grad(&grads).map(numbers).unwrap_or_default(),
-        background: background.grad(&grads).map(numbers).unwrap_or_default(),
+        object: narrowed(object.grad(&grads), object_column::COUNT),
+        background: narrowed(background.grad(&grads), background_column::COUNT),
         sharpness: sharpness.grad(&grads).map(numbers).unwrap_or_default(),
     }
 }

@@ -8,7 +8,9 @@ use burn::tensor::{Device, TensorData};
 use hashgrid::{GridConfig, GridLayout, HashGrid, SparseGrad};
 use serde::{Deserialize, Serialize};
 
-use crate::colour_field::{ColourFieldInputs, ColourFieldWeights, colour_field};
+use crate::colour_field::{
+    ColourFieldInputs, ColourFieldWeights, RowConfig, colour_field, sample_rows,
+};
 use crate::dense::{Dense, Random};
 use crate::directions::{colour_extra, harmonics};
 use crate::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, sdf_field};
@@ -217,24 +219,59 @@ impl Surface {
         extra: &[f32],
         config: SdfFieldConfig,
     ) -> SurfaceSamples {
+        let inputs = self.inputs(points, directions, extra, directions, config);
+        SurfaceSamples {
+            geometry: inputs.geometry.clone(),
+            colour: colour_field(inputs, self.colour_weights()),
+        }
+    }
+
+    /// Rows for compositing, `[n, 3 + C]`, of `points: [n, 3]` seen along unit `directions: [n, 3]`:
+    /// see [`row_column`](crate::colour_field::row_column).
+    ///
+    /// `extra` is as for [`Surface::sample`]; `stretch` `[n]` multiplies densities, and is empty where
+    /// nothing is to be multiplied.
+    #[must_use]
+    pub fn sample_rows(
+        &self,
+        points: &[f32],
+        directions: &[f32],
+        [extra, stretch]: [&[f32]; 2],
+        config: SdfFieldConfig,
+        rows: RowConfig,
+    ) -> Tensor<2> {
+        let n = points.len() / 3;
+        let views: Vec<f32> = directions.iter().map(|v| rows.view_share * v).collect();
+        let inputs = self.inputs(points, directions, extra, &views, config);
+        let columns = stretch.len().checked_div(n).unwrap_or(0);
+        let stretch = Tensor::from_data(
+            TensorData::new(stretch.to_vec(), [n, columns]),
+            &inputs.points.device(),
+        );
+        sample_rows(inputs, stretch, self.colour_weights(), rows)
+    }
+
+    /// `views` are the directions that the harmonics are of.
+    fn inputs(
+        &self,
+        points: &[f32],
+        directions: &[f32],
+        extra: &[f32],
+        views: &[f32],
+        config: SdfFieldConfig,
+    ) -> ColourFieldInputs {
         let n = points.len() / 3;
         let device = self.grid.table.val().device();
         let rows = |values: Vec<f32>| {
             let columns = values.len().checked_div(n).unwrap_or(0);
             Tensor::<2>::from_data(TensorData::new(values, [n, columns]), &device)
         };
-        let extra = rows(colour_extra(directions, extra, self.direction_degree));
-        let (points, directions) = (rows(points.to_vec()), rows(directions.to_vec()));
-        let geometry = self.geometry(points.clone(), config);
-        let colour = colour_field(
-            ColourFieldInputs {
-                geometry: geometry.clone(),
-                points,
-                directions,
-                extra,
-            },
-            self.colour_weights(),
-        );
-        SurfaceSamples { geometry, colour }
+        let points = rows(points.to_vec());
+        ColourFieldInputs {
+            geometry: self.geometry(points.clone(), config),
+            points,
+            directions: rows(directions.to_vec()),
+            extra: rows(colour_extra(views, extra, self.direction_degree)),
+        }
     }
 }

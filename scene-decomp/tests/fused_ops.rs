@@ -9,7 +9,7 @@ use burn::Tensor;
 use burn::module::Module;
 use burn::tensor::{Device, TensorData};
 use hashgrid::{GridConfig, GridLayout};
-use scene_decomp::colour_field::{self, ColourFieldInputs};
+use scene_decomp::colour_field::{self, ColourFieldInputs, Matte, Reading, RowConfig};
 use scene_decomp::sdf_field;
 use scene_decomp::{InitialShape, Surface, SurfaceConfig};
 
@@ -231,6 +231,89 @@ fn colour_field_equals_its_reference() {
             let (kernel, reference) = (run(false), run(true));
             assert_close("colour_field", &kernel.0, &reference.0, VALUE_TOLERANCE);
             for (i, (a, b)) in kernel.1.iter().zip(&reference.1).enumerate() {
+                assert_close(&format!("gradient {i}"), a, b, GRADIENT_TOLERANCE);
+            }
+        }
+    }
+}
+
+/// Every way to read a field, with and without stretch; densities at the ends of their range.
+#[test]
+fn sample_rows_equal_their_reference() {
+    let cases = [
+        (Reading::Distance, Matte::Head, 1.0, 0),
+        (Reading::Distance, Matte::One, 0.25, 0),
+        (Reading::Density, Matte::Head, 0.0, 1),
+        (Reading::Density, Matte::One, 1.0, 0),
+    ];
+    for device in [Device::flex(), Device::ndarray()] {
+        let device = &device.autodiff();
+        for ((reading, matte, view_share, stretched), n) in
+            cases.into_iter().zip([1, 129, 1000, 70])
+        {
+            let mut geometry = numbers(n * 11, 51);
+            for (row, raw) in geometry
+                .chunks_exact_mut(11)
+                .zip([20.0, -14.0, 0.0].iter().cycle())
+            {
+                row[0] += raw;
+            }
+            let upstream = numbers(n * 7, 52);
+            let config = RowConfig {
+                reading,
+                matte,
+                view_share,
+            };
+            let run = |reference: bool| {
+                let surface = surface(device);
+                let geometry = tensor(geometry.clone(), [n, 11], device).require_grad();
+                let inputs = ColourFieldInputs {
+                    geometry: geometry.clone(),
+                    points: tensor(numbers(3 * n, 53), [n, 3], device),
+                    directions: tensor(numbers(3 * n, 54), [n, 3], device),
+                    extra: tensor(numbers(n, 55), [n, 1], device),
+                };
+                let stretch: Vec<f32> =
+                    numbers(stretched * n, 56).iter().map(|v| v.abs()).collect();
+                let stretch = tensor(stretch, [n, stretched], device);
+                let weights = surface.colour_weights();
+                let out = if reference {
+                    colour_field::reference::sample_rows(inputs, stretch, weights.clone(), config)
+                } else {
+                    colour_field::sample_rows(inputs, stretch, weights.clone(), config)
+                };
+                let upstream = tensor(upstream.clone(), [n, 7], device);
+                let grads = out.clone().mul(upstream).sum().backward();
+                let gradients = vec![
+                    values(geometry.grad(&grads).unwrap()),
+                    values(weights.w1.grad(&grads).unwrap()),
+                    values(weights.b1.grad(&grads).unwrap()),
+                    values(weights.w2.grad(&grads).unwrap()),
+                    values(weights.b2.grad(&grads).unwrap()),
+                    values(weights.w3.grad(&grads).unwrap()),
+                    values(weights.b3.grad(&grads).unwrap()),
+                ];
+                (values(out), gradients)
+            };
+            let (kernel, reference) = (run(false), run(true));
+            // Column by column: densities would drown the rest.
+            for column in 0..7 {
+                let of = |rows: &[f32], width: usize| -> Vec<f32> {
+                    rows.iter().skip(column).step_by(width).copied().collect()
+                };
+                let name = format!("column {column}, {reading:?}, {matte:?}");
+                let (a, b) = (of(&kernel.0, 7), of(&reference.0, 7));
+                assert_close(&name, &a, &b, VALUE_TOLERANCE);
+            }
+            for column in 0..11 {
+                let of = |rows: &[f32]| -> Vec<f32> {
+                    rows.iter().skip(column).step_by(11).copied().collect()
+                };
+                let name = format!("geometry {column}, {reading:?}, {matte:?}");
+                let (a, b) = (of(&kernel.1[0]), of(&reference.1[0]));
+                assert_close(&name, &a, &b, GRADIENT_TOLERANCE);
+            }
+            for (i, (a, b)) in kernel.1.iter().zip(&reference.1).enumerate().skip(1) {
                 assert_close(&format!("gradient {i}"), a, b, GRADIENT_TOLERANCE);
             }
         }

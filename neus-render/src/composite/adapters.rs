@@ -5,19 +5,23 @@
 
 use std::sync::Arc;
 
-use burn::backend::{Flex, NdArray, tensor::FloatTensor};
+use burn::backend::{Flex, NdArray, TensorMetadata, tensor::FloatTensor};
 use tensor_slices::F32Slices;
 
 use super::{
     CompositeConfig, CompositeOps, Packing,
     autodiff::{CompositeBackwardOps, CompositeGradients},
-    background_column, column,
+    column,
     cpu::{self, Batch},
-    object_column,
 };
 
 fn pair(values: &[f32]) -> [f32; 2] {
     [values[0], values[1]]
+}
+
+/// Columns of a matrix.
+fn width(tensor: &impl TensorMetadata) -> usize {
+    tensor.shape()[1]
 }
 
 fn forward<B: F32Slices>(
@@ -29,7 +33,9 @@ fn forward<B: F32Slices>(
 ) -> FloatTensor<B> {
     let out = cpu::forward(&Batch {
         object: &B::as_f32(&object),
+        object_width: width(&object),
         background: &B::as_f32(&background),
+        background_width: width(&background),
         sharpness: pair(&B::as_f32(&sharpness)),
         packing: &packing,
         config,
@@ -44,10 +50,13 @@ fn backward<B: F32Slices>(
     config: CompositeConfig,
 ) -> CompositeGradients<B> {
     let [object, background, sharpness] = inputs;
+    let widths = [width(&object), width(&background)];
     let gradients = cpu::backward(
         &Batch {
             object: &B::as_f32(&object),
+            object_width: widths[0],
             background: &B::as_f32(&background),
+            background_width: widths[1],
             sharpness: pair(&B::as_f32(&sharpness)),
             packing: &packing,
             config,
@@ -55,13 +64,10 @@ fn backward<B: F32Slices>(
         &B::as_f32(&grad),
     );
     CompositeGradients {
-        object: B::from_f32(
-            gradients.object,
-            [packing.object().len(), object_column::COUNT],
-        ),
+        object: B::from_f32(gradients.object, [packing.object().len(), widths[0]]),
         background: B::from_f32(
             gradients.background,
-            [packing.background().len(), background_column::COUNT],
+            [packing.background().len(), widths[1]],
         ),
         sharpness: B::from_f32(gradients.sharpness.to_vec(), [2]),
     }

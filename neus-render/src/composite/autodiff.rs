@@ -16,9 +16,9 @@ use super::{CompositeConfig, CompositeOps, Packing};
 
 /// Gradients of the three inputs, in their shapes.
 pub struct CompositeGradients<B: Backend> {
-    /// `[m_f, 6]`.
+    /// `[m_f, 6 or more]`.
     pub object: FloatTensor<B>,
-    /// `[m_b, 5]`.
+    /// `[m_b, 5 or more]`.
     pub background: FloatTensor<B>,
     /// `[2]`.
     pub sharpness: FloatTensor<B>,
@@ -27,7 +27,7 @@ pub struct CompositeGradients<B: Backend> {
 /// Backends that have the gradient kernel, too.
 pub trait CompositeBackwardOps: CompositeOps {
     /// Gradients of the inputs (object, background, sharpness) from that of the pixels, `grad`
-    /// `[rays, 16]`.
+    /// `[rays, 18]`.
     fn composite_backward(
         inputs: [FloatTensor<Self>; 3],
         grad: FloatTensor<Self>,

@@ -21,7 +21,11 @@ pub(super) const CHUNK: usize = 32;
 #[derive(Clone, Copy)]
 pub(crate) struct Batch<'a> {
     pub(crate) object: &'a [f32],
+    /// Columns of `object`.
+    pub(crate) object_width: usize,
     pub(crate) background: &'a [f32],
+    /// Columns of `background`.
+    pub(crate) background_width: usize,
     pub(crate) sharpness: [f32; 2],
     pub(crate) packing: &'a Packing,
     pub(crate) config: CompositeConfig,
@@ -39,7 +43,7 @@ pub static FORWARD: Stopwatch = Stopwatch::new();
 /// Time spent in backward passes.
 pub static BACKWARD: Stopwatch = Stopwatch::new();
 
-/// Pixels of all rays: `[rays, 16]` row-major.
+/// Pixels of all rays: `[rays, 18]` row-major.
 pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
     let _lap = FORWARD.lap();
     batch.check();
@@ -54,7 +58,7 @@ pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
     out
 }
 
-/// Gradients of all inputs from that of the pixels, `grad` `[rays, 16]`.
+/// Gradients of all inputs from that of the pixels, `grad` `[rays, 18]`.
 pub(crate) fn backward(batch: &Batch<'_>, grad: &[f32]) -> Gradients {
     let _lap = BACKWARD.lap();
     batch.check();
@@ -63,9 +67,9 @@ pub(crate) fn backward(batch: &Batch<'_>, grad: &[f32]) -> Gradients {
     let parts: Vec<[f64; 2]> = batch
         .split(
             &mut object,
-            object_column::COUNT,
+            batch.object_width,
             &mut background,
-            background_column::COUNT,
+            batch.background_width,
         )
         .into_par_iter()
         .map_init(Vec::new, |steps, mut part| {
@@ -131,20 +135,30 @@ pub(super) struct Part<'a, T = f32> {
 
 impl<'a> Batch<'a> {
     pub(super) fn check(&self) {
-        let expected = self.packing.object().len() * object_column::COUNT;
-        assert_eq!(
-            self.object.len(),
-            expected,
-            "composite: object has {} values, the packing wants {expected}",
-            self.object.len()
-        );
-        let expected = self.packing.background().len() * background_column::COUNT;
-        assert_eq!(
-            self.background.len(),
-            expected,
-            "composite: background has {} values, the packing wants {expected}",
-            self.background.len()
-        );
+        for (name, values, rows, width, least) in [
+            (
+                "object",
+                self.object,
+                self.packing.object(),
+                self.object_width,
+                object_column::COUNT,
+            ),
+            (
+                "background",
+                self.background,
+                self.packing.background(),
+                self.background_width,
+                background_column::COUNT,
+            ),
+        ] {
+            assert!(
+                width >= least && values.len() == rows.len() * width,
+                "composite: {name} has {} values in rows of {width}, the packing wants {} rows of \
+                 {least} or more",
+                values.len(),
+                rows.len()
+            );
+        }
     }
 
     /// Cuts two per-sample arrays (of so many values per row) along chunks of rays.
@@ -221,7 +235,7 @@ impl<'a> Batch<'a> {
                 background_alone: rest.light.background,
             };
             if object_row < object_end && packing.object()[object_row] as usize == interval {
-                let row = &self.object[object_row * object_column::COUNT..];
+                let row = &self.object[object_row * self.object_width..];
                 let log =
                     kernels[0].log_survival(row[object_column::SDF], row[object_column::SLOPE], dt);
                 step.object = Opacity::new(log, row[object_column::MATTE]);
@@ -231,7 +245,7 @@ impl<'a> Batch<'a> {
             if background_row < background_end
                 && packing.background()[background_row] as usize == interval
             {
-                let row = &self.background[background_row * background_column::COUNT..];
+                let row = &self.background[background_row * self.background_width..];
                 let log = kernels[1].log_survival(
                     row[background_column::SDF],
                     row[background_column::SLOPE],
@@ -264,6 +278,10 @@ impl<'a> Batch<'a> {
                 }
                 pixel[column::MATTE] += w_f;
                 pixel[column::OBJECT_DEPTH] += alone * t;
+                if let Some(marks) = self.packing.marks() {
+                    pixel[column::MARKS] += w_f * marks.object[row][0];
+                    pixel[column::MARKS + 1] += w_f * marks.object[row][1];
+                }
             }
             if let Some(row) = step.background_row {
                 let colour = self.background_colour(row);
@@ -271,6 +289,10 @@ impl<'a> Batch<'a> {
                 for c in 0..3 {
                     pixel[column::JOINT_COLOUR + c] += w_b * colour[c];
                     pixel[column::BACKGROUND_COLOUR + c] += alone * colour[c];
+                }
+                if let Some(marks) = self.packing.marks() {
+                    pixel[column::MARKS] += w_b * marks.background[row][0];
+                    pixel[column::MARKS + 1] += w_b * marks.background[row][1];
                 }
             }
             pixel[column::JOINT_DEPTH] += (w_f + w_b) * t;
@@ -283,13 +305,13 @@ impl<'a> Batch<'a> {
 
     #[inline]
     fn object_colour(&self, row: usize) -> &[f32] {
-        let at = row * object_column::COUNT + object_column::COLOUR;
+        let at = row * self.object_width + object_column::COLOUR;
         &self.object[at..at + 3]
     }
 
     #[inline]
     fn background_colour(&self, row: usize) -> &[f32] {
-        let at = row * background_column::COUNT + background_column::COLOUR;
+        let at = row * self.background_width + background_column::COLOUR;
         &self.background[at..at + 3]
     }
 
@@ -315,6 +337,8 @@ impl<'a> Batch<'a> {
         let mut behind_object = -grad[column::OBJECT_OPACITY] * rest.object;
         let mut behind_background = -grad[column::BACKGROUND_OPACITY] * rest.background;
         let g_log = grad[column::OBJECT_LOG_TRANSMITTANCE];
+        let g_marks = &grad[column::MARKS..column::MARKS + 2];
+        let marks = self.packing.marks();
         let mut sharpness = [0.0; 2];
         for step in steps.iter().rev() {
             let t = self.packing.t()[step.interval];
@@ -327,12 +351,20 @@ impl<'a> Batch<'a> {
                 let colour = self.object_colour(row);
                 per_f = g_depth + grad[column::MATTE] + dot(g_joint, colour);
                 per_f_alone = grad[column::OBJECT_DEPTH] * t + dot(g_object, colour);
+                if let Some(marks) = marks {
+                    let mark = marks.object[row];
+                    per_f += g_marks[0] * mark[0] + g_marks[1] * mark[1];
+                }
             }
             let (mut per_b, mut per_b_alone) = (0.0, 0.0);
             if let Some(row) = step.background_row {
                 let colour = self.background_colour(row);
                 per_b = g_depth + dot(g_joint, colour);
                 per_b_alone = dot(g_background, colour);
+                if let Some(marks) = marks {
+                    let mark = marks.background[row];
+                    per_b += g_marks[0] * mark[0] + g_marks[1] * mark[1];
+                }
             }
             if let Some(row) = step.object_row {
                 // Loss per unit of a_F within this interval.
@@ -341,9 +373,9 @@ impl<'a> Batch<'a> {
                 let behind = behind_joint + behind_object;
                 let opacity = &step.object;
                 let g_l = behind + g_log - opacity.survival * here;
-                let at = (row - part.object_start) * object_column::COUNT;
+                let at = (row - part.object_start) * self.object_width;
                 let out = &mut part.object[at..at + object_column::COUNT];
-                let values = &self.object[row * object_column::COUNT..];
+                let values = &self.object[row * self.object_width..];
                 let chain = kernels[0].backward(
                     values[object_column::SDF],
                     values[object_column::SLOPE],
@@ -368,9 +400,9 @@ impl<'a> Batch<'a> {
                 let here = step.joint * (per_b * (1.0 - 0.5 * a_f) - 0.5 * per_f * a_f)
                     + step.background_alone * per_b_alone;
                 let g_l = behind_joint + behind_background - step.background.survival * here;
-                let at = (row - part.background_start) * background_column::COUNT;
+                let at = (row - part.background_start) * self.background_width;
                 let out = &mut part.background[at..at + background_column::COUNT];
-                let values = &self.background[row * background_column::COUNT..];
+                let values = &self.background[row * self.background_width..];
                 let chain = kernels[1].backward(
                     values[background_column::SDF],
                     values[background_column::SLOPE],

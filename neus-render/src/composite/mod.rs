@@ -18,7 +18,8 @@
 //!
 //! Tensors, all f32: the object's samples are the rows of `[m_f, 6]` (columns [`object_column`]), the
 //! background's those of `[m_b, 5]` ([`background_column`]), sharpnesses `[2]` (F, B), the result
-//! `[rays, 16]` ([`mod@column`]). Everything is tracked but the [`Packing`].
+//! `[rays, 18]` ([`mod@column`]). Rows may have further columns behind these, which are not read and
+//! have a gradient of zero. Everything is tracked but the [`Packing`].
 
 // Upstream marks burn-ndarray deprecated in favour of Flex; this workspace supports both.
 #![allow(deprecated)]
@@ -42,7 +43,7 @@ use burn::{
 use serde::{Deserialize, Serialize};
 
 pub use cpu::{BACKWARD, FORWARD};
-pub use packing::Packing;
+pub use packing::{Marks, Packing};
 pub use reference::composite_reference;
 pub use visibility::{Light, SampleVisibility, Visibility, sample_visibility, visibility_from};
 
@@ -98,8 +99,11 @@ pub mod column {
     pub const OBJECT_DEPTH: usize = 14;
     /// Opacity of both: `1 - prod (1 - a_F)(1 - a_B)`.
     pub const JOINT_OPACITY: usize = 15;
+    /// The blend of both fields' [`Marks`](super::Marks) from here, `sum w_F m_F + w_B m_B`: two
+    /// columns, zero where there are no marks.
+    pub const MARKS: usize = 16;
     /// How many columns there are.
-    pub const COUNT: usize = 16;
+    pub const COUNT: usize = 18;
 }
 
 /// How a field's first column becomes an opacity.
@@ -142,7 +146,8 @@ impl Default for CompositeConfig {
 /// The op on a backend's tensors; use [`composite`].
 #[backend_extension(NdArray, Flex, Cube: cfg(feature = "cube"), Autodiff)]
 pub trait CompositeOps: Backend {
-    /// See [`composite`]: object `[m_f, 6]`, background `[m_b, 5]`, sharpness `[2]` to `[rays, 16]`.
+    /// See [`composite`]: object `[m_f, 6 or more]`, background `[m_b, 5 or more]`, sharpness `[2]` to
+    /// `[rays, 18]`.
     fn composite(
         object: FloatTensor<Self>,
         background: FloatTensor<Self>,
@@ -155,7 +160,7 @@ pub trait CompositeOps: Backend {
 /// Colours, mattes, opacities and depths of rays from the samples of two fields.
 ///
 /// `object` `[m_f, 6]`, `background` `[m_b, 5]` and `sharpness` `[2]` (the `b` of `Phi_b` for F and B)
-/// to `[rays, 16]`; what columns mean is in [`object_column`], [`background_column`] and [`mod@column`].
+/// to `[rays, 18]`; what columns mean is in [`object_column`], [`background_column`] and [`mod@column`].
 /// A field without any sample is a tensor with zero rows. Rays without intervals give zeros.
 ///
 /// The gradient of the log-transmittance with respect to a matte value is `-a / (1 - m a)`; its
@@ -210,18 +215,25 @@ fn check_shapes(
     sharpness: &Tensor<1>,
     packing: &Packing,
 ) {
-    let expected = [packing.object().len(), object_column::COUNT];
-    let found = object.dims();
-    assert_eq!(
-        found, expected,
-        "composite: object has shape {found:?}, the packing wants {expected:?}"
-    );
-    let expected = [packing.background().len(), background_column::COUNT];
-    let found = background.dims();
-    assert_eq!(
-        found, expected,
-        "composite: background has shape {found:?}, the packing wants {expected:?}"
-    );
+    for (name, found, rows, columns) in [
+        (
+            "object",
+            object.dims(),
+            packing.object().len(),
+            object_column::COUNT,
+        ),
+        (
+            "background",
+            background.dims(),
+            packing.background().len(),
+            background_column::COUNT,
+        ),
+    ] {
+        assert!(
+            found[0] == rows && found[1] >= columns,
+            "composite: {name} has shape {found:?}, the packing wants [{rows}, {columns}]"
+        );
+    }
     let found = sharpness.dims();
     assert_eq!(
         found,

@@ -22,6 +22,20 @@ pub struct Packing {
     background: Vec<u32>,
     object_offsets: Vec<u32>,
     background_offsets: Vec<u32>,
+    marks: Option<Marks>,
+}
+
+/// Two constants of every sample, which compositing blends as it does colours: see
+/// [`column::MARKS`](super::column::MARKS).
+///
+/// Their blend's gradient reaches opacities alone. A loss whose derivative by a sample's weight is
+/// known beforehand becomes a pixel that way.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Marks {
+    /// Of the object's rows, `[m_f]`.
+    pub object: Vec<[f32; 2]>,
+    /// Of the background's rows, `[m_b]`.
+    pub background: Vec<[f32; 2]>,
 }
 
 impl Packing {
@@ -66,7 +80,32 @@ impl Packing {
             background,
             object_offsets,
             background_offsets,
+            marks: None,
         }
+    }
+
+    /// The same with marks of all samples.
+    ///
+    /// # Panics
+    /// When there is not one mark for each sample.
+    #[must_use]
+    pub fn with_marks(mut self, marks: Marks) -> Self {
+        assert!(
+            marks.object.len() == self.object.len()
+                && marks.background.len() == self.background.len(),
+            "Packing::with_marks: {} and {} marks for {} and {} samples",
+            marks.object.len(),
+            marks.background.len(),
+            self.object.len(),
+            self.background.len()
+        );
+        self.marks = Some(marks);
+        self
+    }
+
+    /// The samples' marks, where they have some.
+    pub fn marks(&self) -> Option<&Marks> {
+        self.marks.as_ref()
     }
 
     /// The packing of marched intervals: each field has a sample where its flag is set.

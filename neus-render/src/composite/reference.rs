@@ -19,7 +19,8 @@ pub fn composite_reference(
     config: CompositeConfig,
 ) -> Tensor<2> {
     super::check_shapes(&object, &background, &sharpness, packing);
-    let grid = Dense::new(packing, &object.device());
+    let device = object.device();
+    let grid = Dense::new(packing, &device);
     if grid.longest == 0 {
         let zeros = Tensor::zeros([packing.ray_count(), column::COUNT], &object.device());
         // Keeps the result tied to the inputs.
@@ -88,9 +89,22 @@ pub fn composite_reference(
     for c in 0..3 {
         columns.push(blend(&alone_f, &f.values, object_column::COLOUR + c));
     }
-    columns.push(sum((w_f + w_b) * grid.t.clone()));
-    columns.push(sum(alone_f * grid.t));
+    columns.push(sum((w_f.clone() + w_b.clone()) * grid.t.clone()));
+    columns.push(sum(alone_f * grid.t.clone()));
     columns.push((total_f + total_b).exp().neg() + 1.0);
+    for i in 0..2 {
+        let Some(marks) = packing.marks() else {
+            columns.push(grid.t.zeros_like().sum_dim(1));
+            continue;
+        };
+        let mark = |marks: &[[f32; 2]], intervals: &[u32]| {
+            let values: Vec<f32> = marks.iter().map(|mark| mark[i]).collect();
+            let rows = Tensor::from_data(TensorData::new(values, [marks.len(), 1]), &device);
+            column_of(&grid.spread(rows, intervals).values, 0)
+        };
+        columns.push(sum(w_f.clone() * mark(&marks.object, packing.object())
+            + w_b.clone() * mark(&marks.background, packing.background())));
+    }
     Tensor::cat(columns, 1)
 }
 

@@ -3,8 +3,9 @@
 use rayon::prelude::*;
 
 use super::{
-    CompositeConfig, Packing,
+    CompositeConfig, Packing, background_column,
     cpu::{Batch, CHUNK},
+    object_column,
 };
 
 /// How one sample is seen from its ray's origin.
@@ -91,7 +92,9 @@ pub fn visibility_from(
     );
     let batch = Batch {
         object,
+        object_width: object_column::COUNT,
         background,
+        background_width: background_column::COUNT,
         sharpness,
         packing,
         config,

@@ -2,7 +2,7 @@
 //! no care for numerics: what the shipped single-precision forms are compared with.
 
 use neus_render::{
-    composite::{CompositeConfig, Packing, Transparency, column},
+    composite::{CompositeConfig, Marks, Packing, Transparency, column},
     random::unit_float,
 };
 
@@ -41,7 +41,7 @@ impl Scene {
         }
     }
 
-    /// Pixels, [rays, 16].
+    /// Pixels, [rays, 18].
     pub(crate) fn pixels(&self) -> Vec<[f64; column::COUNT]> {
         let packing = &self.packing;
         let mut out = Vec::new();
@@ -53,6 +53,10 @@ impl Scene {
                 let dt = f64::from(packing.dt()[i as usize]);
                 let f = packing.object().iter().position(|&x| x == i);
                 let b = packing.background().iter().position(|&x| x == i);
+                let mark = |of: Option<[f32; 2]>| of.unwrap_or_default().map(f64::from);
+                let marks = packing.marks();
+                let mark_f = mark(marks.and_then(|marks| Some(marks.object[f?])));
+                let mark_b = mark(marks.and_then(|marks| Some(marks.background[b?])));
                 let f = f.map_or([0.0; 6], |row| self.object[row]);
                 let a_f = if packing.object().contains(&i) {
                     f[5] * self.alpha(self.config.object, f[0], f[1], dt, self.sharpness[0])
@@ -72,6 +76,9 @@ impl Scene {
                     pixel[column::JOINT_COLOUR + c] += w_f * f[2 + c] + w_b * b[2 + c];
                     pixel[column::OBJECT_COLOUR + c] += only_f * a_f * f[2 + c];
                     pixel[column::BACKGROUND_COLOUR + c] += only_b * a_b * b[2 + c];
+                }
+                for c in 0..2 {
+                    pixel[column::MARKS + c] += w_f * mark_f[c] + w_b * mark_b[c];
                 }
                 pixel[column::MATTE] += w_f;
                 pixel[column::JOINT_DEPTH] += (w_f + w_b) * t;
@@ -165,11 +172,19 @@ pub(crate) fn random_scene(
         }
         offsets.push(t.len() as u32);
     }
+    let mut marks = |count: usize| {
+        let mark = |_| [random() as f32 - 0.3, random() as f32];
+        (0..count).map(mark).collect::<Vec<_>>()
+    };
+    let marks = Marks {
+        object: marks(object.len()),
+        background: marks(background.len()),
+    };
     Scene {
         object,
         background,
         sharpness: [12.0, 7.0],
-        packing: Packing::new(offsets, t, dt, index_f, index_b),
+        packing: Packing::new(offsets, t, dt, index_f, index_b).with_marks(marks),
         config,
     }
 }

@@ -8,24 +8,40 @@ use std::sync::Arc;
 use burn::backend::{Flex, NdArray, tensor::FloatTensor};
 use tensor_slices::F32Slices;
 
-use super::ColourFieldOps;
 use super::backward::{Arguments, ColourFieldBackward};
 use super::cpu::{self, Inputs, Keep, Saved, Weights};
+use super::{ColourFieldOps, Output};
 
-fn run<B: F32Slices>(arguments: &Arguments<B>, keep: Keep) -> (FloatTensor<B>, Option<Saved>) {
-    let [geometry, points, directions, extra, w1, b1, w2, b2, w3, b3] =
-        arguments.each_ref().map(|tensor| B::as_f32(tensor));
+fn run<B: F32Slices>(
+    arguments: &Arguments<B>,
+    output: Output,
+    keep: Keep,
+) -> (FloatTensor<B>, Option<Saved>) {
+    let [
+        geometry,
+        points,
+        directions,
+        extra,
+        stretch,
+        w1,
+        b1,
+        w2,
+        b2,
+        w3,
+        b3,
+    ] = arguments.each_ref().map(|tensor| B::as_f32(tensor));
     let weights = Weights::new([&w1, &b1, &w2, &b2, &w3, &b3]);
     let inputs = Inputs {
         geometry: &geometry,
         points: &points,
         directions: &directions,
         extra: &extra,
+        stretch: &stretch,
     };
     let n = points.len() / 3;
-    let outputs = weights.outputs();
-    let (out, saved) = cpu::forward(inputs, weights, keep);
-    (B::from_f32(out, [n, outputs]), saved)
+    let columns = output.columns(weights.outputs());
+    let (out, saved) = cpu::forward(inputs, weights, output, keep);
+    (B::from_f32(out, [n, columns]), saved)
 }
 
 fn gradients<B: F32Slices>(saved: &Saved, grad: &FloatTensor<B>) -> [FloatTensor<B>; 7] {
@@ -53,23 +69,30 @@ macro_rules! cpu_backend {
                 points: FloatTensor<Self>,
                 directions: FloatTensor<Self>,
                 extra: FloatTensor<Self>,
+                stretch: FloatTensor<Self>,
                 w1: FloatTensor<Self>,
                 b1: FloatTensor<Self>,
                 w2: FloatTensor<Self>,
                 b2: FloatTensor<Self>,
                 w3: FloatTensor<Self>,
                 b3: FloatTensor<Self>,
+                output: Output,
             ) -> FloatTensor<Self> {
-                let arguments = [geometry, points, directions, extra, w1, b1, w2, b2, w3, b3];
-                run::<Self>(&arguments, Keep::Nothing).0
+                let arguments = [
+                    geometry, points, directions, extra, stretch, w1, b1, w2, b2, w3, b3,
+                ];
+                run::<Self>(&arguments, output, Keep::Nothing).0
             }
         }
 
         impl ColourFieldBackward for $backend {
             type Saved = Arc<Saved>;
 
-            fn colour_field_saving(arguments: Arguments<Self>) -> (FloatTensor<Self>, Self::Saved) {
-                match run::<Self>(&arguments, Keep::ForBackward) {
+            fn colour_field_saving(
+                arguments: Arguments<Self>,
+                output: Output,
+            ) -> (FloatTensor<Self>, Self::Saved) {
+                match run::<Self>(&arguments, output, Keep::ForBackward) {
                     (out, Some(saved)) => (out, Arc::new(saved)),
                     (_, None) => unreachable!("forward was told to keep its state"),
                 }

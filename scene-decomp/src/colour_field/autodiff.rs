@@ -8,8 +8,8 @@ use burn::backend::autodiff::{
 };
 use burn::backend::tensor::FloatTensor;
 
-use super::ColourFieldOps;
 use super::backward::ColourFieldBackward;
+use super::{ColourFieldOps, Output};
 
 #[derive(Debug)]
 struct ColourField;
@@ -41,16 +41,18 @@ impl<B: ColourFieldOps + ColourFieldBackward, C: CheckpointStrategy> ColourField
         points: FloatTensor<Self>,
         directions: FloatTensor<Self>,
         extra: FloatTensor<Self>,
+        stretch: FloatTensor<Self>,
         w1: FloatTensor<Self>,
         b1: FloatTensor<Self>,
         w2: FloatTensor<Self>,
         b2: FloatTensor<Self>,
         w3: FloatTensor<Self>,
         b3: FloatTensor<Self>,
+        output: Output,
     ) -> FloatTensor<Self> {
         let tracked = [geometry, w1, b1, w2, b2, w3, b3].map(|tensor| tensor.into_parts());
-        let constants = [points, directions, extra].map(|tensor| tensor.into_primitive());
-        let [points, directions, extra] = constants;
+        let constants = [points, directions, extra, stretch].map(|tensor| tensor.into_primitive());
+        let [points, directions, extra, stretch] = constants;
         let mut nodes = Vec::with_capacity(7);
         let mut values = Vec::with_capacity(7);
         for (value, node) in tracked {
@@ -64,13 +66,14 @@ impl<B: ColourFieldOps + ColourFieldBackward, C: CheckpointStrategy> ColourField
         let [geometry, w1, b1, w2, b2, w3, b3] = values;
         match ColourField.prepare::<C>(nodes).compute_bound().stateful() {
             OpsKind::Tracked(prep) => {
-                let (out, saved) = B::colour_field_saving([
-                    geometry, points, directions, extra, w1, b1, w2, b2, w3, b3,
-                ]);
+                let arguments = [
+                    geometry, points, directions, extra, stretch, w1, b1, w2, b2, w3, b3,
+                ];
+                let (out, saved) = B::colour_field_saving(arguments, output);
                 prep.finish(saved, out)
             }
             OpsKind::UnTracked(prep) => prep.finish(B::colour_field(
-                geometry, points, directions, extra, w1, b1, w2, b2, w3, b3,
+                geometry, points, directions, extra, stretch, w1, b1, w2, b2, w3, b3, output,
             )),
         }
     }

@@ -4,6 +4,8 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use tensor_slices::{Scratch, Stopwatch};
 
+use super::row::{LEAST_LOG_DENSITY, LENGTH_OFFSET, MOST_LOG_DENSITY, density_of, row_column};
+use super::{MAX_OUTPUTS, Matte, Output, Reading, RowConfig};
 use crate::sdf_field::transposed;
 use crate::tile::partials::{LayerGradient, LayerPartials};
 use crate::tile::transpose::{rows_to_tile, rows_to_tile_padded, tile_to_rows};
@@ -77,6 +79,8 @@ pub(crate) struct Inputs<'a> {
     pub(crate) directions: &'a [f32],
     /// `[n, E]`.
     pub(crate) extra: &'a [f32],
+    /// `[n, 1]`, or empty.
+    pub(crate) stretch: &'a [f32],
 }
 
 impl<'a> Inputs<'a> {
@@ -139,16 +143,20 @@ pub struct Saved {
     weights: Weights,
     geometry_columns: usize,
     n: usize,
+    output: Output,
     /// Per tile `[inputs + hidden + hidden, POINTS]`.
     tiles: Scratch,
-    /// The op's output, `[n, C]`.
+    /// The op's output, in its shape.
     out: Scratch,
+    /// Directions `[n, 3]` of rows; the tiles hold only the share that the network saw.
+    directions: Scratch,
 }
 
-/// Colours `[n, C]`.
+/// Colours or rows, `[n, output.columns(C)]`.
 pub(crate) fn forward(
     inputs: Inputs<'_>,
     weights: Weights,
+    output: Output,
     keep: Keep,
 ) -> (Vec<f32>, Option<Saved>) {
     let _lap = match keep {
@@ -156,7 +164,7 @@ pub(crate) fn forward(
         Keep::ForBackward => FORWARD.lap(),
     };
     let n = inputs.len();
-    let outputs = weights.outputs();
+    let outputs = output.columns(weights.outputs());
     let width = weights.0[0].inputs;
     let tile_len = (width + weights.saved_rows()) * POINTS;
     let mut out = vec![0.0; n * outputs];
@@ -165,6 +173,7 @@ pub(crate) fn forward(
             inputs,
             first: index * POINTS,
             weights: &weights,
+            output,
             tile,
             out,
         });
@@ -189,15 +198,23 @@ pub(crate) fn forward(
         .zip(tiles.par_chunks_mut(tile_len))
         .enumerate()
         .for_each(|(index, (out, tile))| run(index, tile, out));
-    let mut kept = Scratch::new(out.len());
-    kept.copy_from_slice(&out);
+    let keep = |values: &[f32]| {
+        let mut kept = Scratch::new(values.len());
+        kept.copy_from_slice(values);
+        kept
+    };
     let geometry_columns = inputs.columns(width).0;
     let saved = Saved {
         weights,
         geometry_columns,
         n,
+        output,
         tiles,
-        out: kept,
+        out: keep(&out),
+        directions: match output {
+            Output::Colour => Scratch::new(0),
+            Output::Row(_) => keep(inputs.directions),
+        },
     };
     (out, Some(saved))
 }
@@ -206,6 +223,7 @@ struct ForwardTile<'a> {
     inputs: Inputs<'a>,
     first: usize,
     weights: &'a Weights,
+    output: Output,
     tile: &'a mut [f32],
     out: &'a mut [f32],
 }
@@ -235,22 +253,73 @@ impl WithSimd for ForwardTile<'_> {
         let (x, rest) = self.tile.split_at_mut(first.inputs * POINTS);
         let (h1, h2) = rest.split_at_mut(first.outputs() * POINTS);
         self.inputs.tile(self.first, first.inputs, x);
+        let outputs = third.outputs();
+        let mut rows = [0.0; (MAX_OUTPUTS + row_column::OTHERS) * POINTS];
+        let rows = &mut rows[..self.output.columns(outputs) * POINTS];
+        let out = match self.output {
+            Output::Colour => &mut rows[..],
+            Output::Row(config) => {
+                let stretch = self.inputs.stretch.get(self.first..).unwrap_or_default();
+                surroundings(config, stretch, x, rows);
+                &mut rows[row_column::COLOUR * POINTS..][..outputs * POINTS]
+            }
+        };
         first.forward(simd, x, h1);
         relu(h1);
         second.forward(simd, h1, h2);
         relu(h2);
-        let mut out = [0.0; MAX_OUTPUTS * POINTS];
-        let out = &mut out[..third.outputs() * POINTS];
         third.forward(simd, h2, out);
         for value in out.iter_mut() {
             *value = activation::sigmoid(*value);
         }
-        tile_to_rows(out, third.outputs(), self.out);
+        if has_fixed_matte(self.output) {
+            out[(outputs - 1) * POINTS..].fill(1.0);
+        }
+        tile_to_rows(rows, self.output.columns(outputs), self.out);
     }
 }
 
-/// Colour and alpha head.
-const MAX_OUTPUTS: usize = 4;
+fn has_fixed_matte(output: Output) -> bool {
+    matches!(
+        output,
+        Output::Row(RowConfig {
+            matte: Matte::One,
+            ..
+        })
+    )
+}
+
+/// The rows of a tile around the network's outputs, from its inputs `x`; afterwards the directions in
+/// `x` are those that the network is to see.
+#[inline(always)]
+fn surroundings(config: RowConfig, stretch: &[f32], x: &mut [f32], rows: &mut [f32]) {
+    let (head, tail) = rows.split_at_mut(row_column::COLOUR * POINTS);
+    let (first, slope) = head.split_at_mut(POINTS);
+    let length = tail.len() - POINTS;
+    let length = &mut tail[length..];
+    let raw = &x[9 * POINTS..10 * POINTS];
+    match config.reading {
+        Reading::Distance => first.copy_from_slice(raw),
+        Reading::Density => {
+            for (first, raw) in first.iter_mut().zip(raw) {
+                *first = density_of(*raw);
+            }
+            for (first, stretch) in first.iter_mut().zip(stretch) {
+                *first *= stretch;
+            }
+        }
+    }
+    let row = |k: usize| &x[k * POINTS..(k + 1) * POINTS];
+    let (n, v) = ([row(3), row(4), row(5)], [row(6), row(7), row(8)]);
+    for p in 0..POINTS {
+        slope[p] = n[0][p] * v[0][p] + n[1][p] * v[1][p] + n[2][p] * v[2][p];
+        let square = n[0][p] * n[0][p] + n[1][p] * n[1][p] + n[2][p] * n[2][p];
+        length[p] = (square + LENGTH_OFFSET).sqrt();
+    }
+    for v in &mut x[6 * POINTS..9 * POINTS] {
+        *v *= config.view_share;
+    }
+}
 
 /// Gradients of the op's tracked inputs.
 pub(crate) struct Gradients {
@@ -264,11 +333,11 @@ pub(crate) struct Gradients {
     pub(crate) b3: Vec<f32>,
 }
 
-/// Gradients for `grad [n, C]`.
+/// Gradients for `grad`, in the output's shape.
 pub(crate) fn backward(saved: &Saved, grad: &[f32]) -> Gradients {
     let _lap = BACKWARD.lap();
     let [first, second, third] = &saved.weights.0;
-    let outputs = third.outputs();
+    let outputs = saved.output.columns(third.outputs());
     let columns = saved.geometry_columns;
     let tile_len = (first.inputs + saved.weights.saved_rows()) * POINTS;
     let mut geometry = vec![0.0; saved.n * columns];
@@ -279,11 +348,17 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32]) -> Gradients {
         .zip(saved.out.par_chunks(outputs * points_per_job))
         .zip(saved.tiles.par_chunks(tile_len * tiles_per_job))
         .zip(geometry.par_chunks_mut(columns * points_per_job))
-        .map(|(((grad, out), tiles), geometry)| {
+        .enumerate()
+        .map(|(job, (((grad, out), tiles), geometry))| {
             let mut partials =
                 [first, second, third].map(|l| LayerPartials::new(l.outputs(), l.inputs));
             let lanes = Arch::new().dispatch(BackwardJob {
                 weights: &saved.weights,
+                output: saved.output,
+                directions: saved
+                    .directions
+                    .get(3 * job * points_per_job..)
+                    .unwrap_or_default(),
                 grad,
                 out,
                 tiles,
@@ -316,6 +391,9 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32]) -> Gradients {
 
 struct BackwardJob<'a> {
     weights: &'a Weights,
+    output: Output,
+    /// Of rows, from the job's first point on.
+    directions: &'a [f32],
     grad: &'a [f32],
     out: &'a [f32],
     tiles: &'a [f32],
@@ -332,29 +410,40 @@ impl WithSimd for BackwardJob<'_> {
         let [first, second, third] = &self.weights.0;
         let [p1, p2, p3] = self.partials;
         let outputs = third.outputs();
+        let columns = self.output.columns(outputs);
         let tile_len = (first.inputs + self.weights.saved_rows()) * POINTS;
-        let mut d_out = vec![0.0; outputs * POINTS];
-        let mut out = vec![0.0; outputs * POINTS];
+        let mut d_rows = vec![0.0; columns * POINTS];
+        let mut rows = vec![0.0; columns * POINTS];
+        let colours = match self.output {
+            Output::Colour => 0..outputs * POINTS,
+            Output::Row(_) => {
+                let first = row_column::COLOUR * POINTS;
+                first..first + outputs * POINTS
+            }
+        };
         let mut d_h2 = vec![0.0; second.outputs() * POINTS];
         let mut d_h1 = vec![0.0; first.outputs() * POINTS];
         let mut d_x = vec![0.0; first.inputs * POINTS];
         let tiles = self
             .grad
-            .chunks(outputs * POINTS)
-            .zip(self.out.chunks(outputs * POINTS))
+            .chunks(columns * POINTS)
+            .zip(self.out.chunks(columns * POINTS))
             .zip(self.tiles.chunks_exact(tile_len))
-            .zip(self.geometry.chunks_mut(self.columns * POINTS));
-        for (((grad, colours), tile), geometry) in tiles {
+            .zip(self.geometry.chunks_mut(self.columns * POINTS))
+            .enumerate();
+        for (index, (((grad, out), tile), geometry)) in tiles {
             let (x, rest) = tile.split_at(first.inputs * POINTS);
             let (h1, h2) = rest.split_at(first.outputs() * POINTS);
-            rows_to_tile_padded(grad, outputs, &mut d_out);
-            rows_to_tile_padded(colours, outputs, &mut out);
-            for (d, &o) in d_out.iter_mut().zip(&out) {
+            rows_to_tile_padded(grad, columns, &mut d_rows);
+            rows_to_tile_padded(out, columns, &mut rows);
+            let d_out = &mut d_rows[colours.clone()];
+            for (d, &o) in d_out.iter_mut().zip(&rows[colours.clone()]) {
+                // Zero where a matte value is 1 whatever the head says.
                 *d *= o * (1.0 - o);
             }
-            layer::outer(simd, &d_out, h2, &mut p3.weight);
-            p3.add_bias(&d_out);
-            layer::forward(simd, &third.transposed, None, &d_out, &mut d_h2);
+            layer::outer(simd, d_out, h2, &mut p3.weight);
+            p3.add_bias(d_out);
+            layer::forward(simd, &third.transposed, None, d_out, &mut d_h2);
             relu_backward(h2, &mut d_h2);
             layer::outer(simd, &d_h2, h1, &mut p2.weight);
             p2.add_bias(&d_h2);
@@ -373,7 +462,58 @@ impl WithSimd for BackwardJob<'_> {
                     *value = d_x[(3 + k) * POINTS + p];
                 }
             }
+            if let Output::Row(config) = self.output {
+                let around = Around {
+                    grad,
+                    rows: out,
+                    columns,
+                    directions: &self.directions[3 * index * POINTS..],
+                };
+                around.add_to(config, x, geometry, self.columns);
+            }
         }
         S::F32_LANES
+    }
+}
+
+/// A tile's part of the op, point-major: `[n, columns]` each.
+struct Around<'a> {
+    grad: &'a [f32],
+    rows: &'a [f32],
+    columns: usize,
+    directions: &'a [f32],
+}
+
+impl Around<'_> {
+    /// Adds to `geometry` `[n, columns_of_geometry]` what comes through the columns around the colours;
+    /// `x` are the network's inputs.
+    #[inline(always)]
+    fn add_to(&self, config: RowConfig, x: &[f32], geometry: &mut [f32], geometry_columns: usize) {
+        let points = self
+            .grad
+            .chunks_exact(self.columns)
+            .zip(self.rows.chunks_exact(self.columns))
+            .zip(self.directions.chunks_exact(3))
+            .zip(geometry.chunks_exact_mut(geometry_columns));
+        let last = self.columns - 1;
+        for (p, (((grad, row), direction), geometry)) in points.enumerate() {
+            let first = grad[row_column::FIRST];
+            geometry[0] += match config.reading {
+                Reading::Distance => first,
+                Reading::Density => {
+                    let log = -x[9 * POINTS + p];
+                    if (LEAST_LOG_DENSITY..=MOST_LOG_DENSITY).contains(&log) {
+                        -first * row[row_column::FIRST]
+                    } else {
+                        0.0
+                    }
+                }
+            };
+            let (slope, length) = (grad[row_column::SLOPE], grad[last] / row[last]);
+            let normal = &mut geometry[geometry_columns - 3..];
+            for (axis, d) in normal.iter_mut().enumerate() {
+                *d += slope * direction[axis] + length * x[(3 + axis) * POINTS + p];
+            }
+        }
     }
 }

@@ -3,7 +3,8 @@
 use burn::Tensor;
 use burn::tensor::activation::{relu, sigmoid};
 
-use super::{ColourFieldInputs, ColourFieldWeights};
+use super::row::{LENGTH_OFFSET, densities_of};
+use super::{ColourFieldInputs, ColourFieldWeights, Matte, Reading, RowConfig};
 
 /// Same as [`colour_field`](super::colour_field), slowly.
 #[must_use]
@@ -19,4 +20,36 @@ pub fn colour_field(inputs: ColourFieldInputs, weights: ColourFieldWeights) -> T
     let h1 = relu(layer(Tensor::cat(parts, 1), weights.w1, weights.b1));
     let h2 = relu(layer(h1, weights.w2, weights.b2));
     sigmoid(layer(h2, weights.w3, weights.b3))
+}
+
+/// Same as [`sample_rows`](super::sample_rows), slowly.
+#[must_use]
+pub fn sample_rows(
+    inputs: ColourFieldInputs,
+    stretch: Tensor<2>,
+    weights: ColourFieldWeights,
+    config: RowConfig,
+) -> Tensor<2> {
+    let [n, columns] = inputs.geometry.dims();
+    let first = inputs.geometry.clone().slice([0..n, 0..1]);
+    let normal = inputs.geometry.clone().slice([0..n, columns - 3..columns]);
+    let first = match config.reading {
+        Reading::Distance => first,
+        Reading::Density if stretch.dims()[1] == 0 => densities_of(first),
+        Reading::Density => densities_of(first) * stretch,
+    };
+    let slope = (normal.clone() * inputs.directions.clone()).sum_dim(1);
+    let length = (normal.square().sum_dim(1) + LENGTH_OFFSET).sqrt();
+    let directions = inputs.directions.clone() * config.view_share;
+    let seen = ColourFieldInputs {
+        directions,
+        ..inputs
+    };
+    let mut out = colour_field(seen, weights);
+    if config.matte == Matte::One {
+        let last = out.dims()[1] - 1;
+        let ones = Tensor::ones([n, 1], &out.device());
+        out = Tensor::cat(vec![out.slice([0..n, 0..last]), ones], 1);
+    }
+    Tensor::cat(vec![first, slope, out, length], 1)
 }

@@ -15,8 +15,8 @@ use crate::config::{AlphaSource, Blend, TrainConfig, Transparency};
 use crate::train::batch::{BatchMarcher, MarchedBatch};
 use crate::train::blend::blend;
 use crate::train::grids::FieldGrids;
-use crate::train::step::density_of;
 use crate::train::visible::{FrozenFields, Look, composite_config};
+use scene_decomp::colour_field::density_of;
 
 /// Rays that one task renders: few enough that its core's cache holds their samples.
 const CHUNK: usize = 256;

@@ -25,14 +25,14 @@ pub struct Blended {
     pub colour: Tensor<2>,
     /// The visible object's share, `[rays, 1]`.
     pub matte: Tensor<2>,
-    /// What [`composite`] gave, `[rays, 16]`.
+    /// What [`composite`] gave, `[rays, 18]`.
     pub rendered: Tensor<2>,
 }
 
 /// Composites the fields' samples as `model` says.
 ///
-/// `object` `[m_f, 6]` has the head's value in its last column, whatever the source of the matte;
-/// `background` is `[m_b, 5]`, `sharpness` `[2]`.
+/// `object` `[m_f, 6 or more]` has as its matte column 1 where the opacity is the matte, else the head's
+/// value; `background` is `[m_b, 5 or more]`, `sharpness` `[2]`.
 #[must_use]
 pub fn blend(
     object: Tensor<2>,
@@ -43,18 +43,9 @@ pub fn blend(
     model: &ModelConfig,
 ) -> Blended {
     let rays = packing.ray_count();
-    let [m, _] = object.dims();
-    let first = object.clone().slice([0..m, 0..object_column::COLOUR]);
-    let colour = object
-        .clone()
-        .slice([0..m, object_column::COLOUR..object_column::MATTE]);
-    let head = object
-        .clone()
-        .slice([0..m, object_column::MATTE..object_column::COUNT]);
-    let solid = head.ones_like();
-    let draw = |colour: Tensor<2>, matte: Tensor<2>, background: Tensor<2>| {
+    let draw = |object: Tensor<2>, background: Tensor<2>| {
         composite(
-            Tensor::cat(vec![first.clone(), colour, matte], 1),
+            object,
             background,
             sharpness.clone(),
             packing.clone(),
@@ -68,41 +59,41 @@ pub fn blend(
         Blend::Sample => (column::JOINT_COLOUR, column::MATTE),
         Blend::Ray => (column::OBJECT_COLOUR, column::OBJECT_OPACITY),
     };
-    let rendered = match model.alpha {
-        AlphaSource::Opacity => draw(colour, solid, background),
-        AlphaSource::Both => draw(colour, head, background),
-        AlphaSource::Head => {
-            let held = draw(
-                colour.clone() * head.clone(),
-                solid.clone(),
-                background.clone(),
-            );
-            // The head itself, drawn as a colour.
-            let [n, _] = background.dims();
-            let black = Tensor::cat(
-                vec![
-                    background
-                        .clone()
-                        .slice([0..n, 0..background_column::COLOUR]),
-                    Tensor::zeros([n, 3], &background.device()),
-                ],
-                1,
-            );
-            let heads = Tensor::cat(vec![head.clone(), head.clone(), head], 1);
-            let drawn = draw(heads, solid.clone(), black);
-            let matte = column_of(&drawn, joint, 1);
-            let behind = column_of(&held, column::BACKGROUND_COLOUR, 3);
-            let share = match model.blend {
-                Blend::Sample => column_of(&held, opacity, 1) - matte.clone(),
-                Blend::Ray => matte.clone().neg().add_scalar(1.0),
-            };
-            return Blended {
-                colour: column_of(&held, joint, 3) + behind * share,
-                matte,
-                rendered: draw(colour, solid, background),
-            };
-        }
-    };
+    if model.alpha == AlphaSource::Head {
+        let [m, _] = object.dims();
+        let part = |from: usize, to: usize| object.clone().slice([0..m, from..to]);
+        let first = part(0, object_column::COLOUR);
+        let colour = part(object_column::COLOUR, object_column::MATTE);
+        let head = part(object_column::MATTE, object_column::COUNT);
+        let solid =
+            |colour: Tensor<2>| Tensor::cat(vec![first.clone(), colour, head.ones_like()], 1);
+        let held = draw(solid(colour.clone() * head.clone()), background.clone());
+        // The head itself, drawn as a colour.
+        let [n, _] = background.dims();
+        let black = Tensor::cat(
+            vec![
+                background
+                    .clone()
+                    .slice([0..n, 0..background_column::COLOUR]),
+                Tensor::zeros([n, 3], &background.device()),
+            ],
+            1,
+        );
+        let heads = Tensor::cat(vec![head.clone(), head.clone(), head.clone()], 1);
+        let drawn = draw(solid(heads), black);
+        let matte = column_of(&drawn, joint, 1);
+        let behind = column_of(&held, column::BACKGROUND_COLOUR, 3);
+        let share = match model.blend {
+            Blend::Sample => column_of(&held, opacity, 1) - matte.clone(),
+            Blend::Ray => matte.clone().neg().add_scalar(1.0),
+        };
+        return Blended {
+            colour: column_of(&held, joint, 3) + behind * share,
+            matte,
+            rendered: draw(solid(colour), background),
+        };
+    }
+    let rendered = draw(object, background);
     let matte = column_of(&rendered, opacity, 1);
     let colour = match model.blend {
         Blend::Sample => column_of(&rendered, joint, 3),
@@ -139,6 +130,10 @@ mod tests {
             vec![1, 2],
             vec![0, 3],
         );
+        let head = match alpha {
+            AlphaSource::Opacity => 1.0,
+            AlphaSource::Head | AlphaSource::Both => head,
+        };
         let model = ModelConfig {
             blend: blend_by,
             alpha,

@@ -4,11 +4,11 @@
 //! L = sum_ij w_i w_j |s_i - s_j|        per ray, over the samples of both fields
 //! ```
 //!
-//! Its derivative with respect to `w_i` is `2 sum_j w_j |s_i - s_j|`. With that as a constant
-//! "colour" of the samples, compositing gives a pixel whose gradient is the loss's: no op of its own
-//! is needed. It clears fog, and most of all floaters that make up for a highlight.
+//! Its derivative with respect to `w_i` is `2 sum_j w_j |s_i - s_j|`. With that as a mark of the
+//! samples, compositing gives a pixel whose gradient is the loss's: no op of its own is needed. It clears fog, and most of all floaters that make up for a highlight.
 
 use glam::Vec3;
+use neus_render::composite::Marks;
 
 use super::batch::MarchedBatch;
 use super::visible::Look;
@@ -30,6 +30,20 @@ impl Spread {
         self.object.extend(other.object);
         self.background.extend(other.background);
         self.far.extend(other.far);
+    }
+
+    /// The spread of every sample, and how far outside the box it lies.
+    #[must_use]
+    pub(super) fn marks(&self) -> Marks {
+        Marks {
+            object: self.object.iter().map(|&spread| [spread, 0.0]).collect(),
+            background: self
+                .background
+                .iter()
+                .zip(&self.far)
+                .map(|(&spread, &far)| [spread, far])
+                .collect(),
+        }
     }
 
     /// Of the samples with these row numbers.

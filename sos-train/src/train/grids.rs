@@ -211,7 +211,9 @@ fn update(
         .with_min_len(CHUNK)
         .map(|value| match rule.transparency {
             Transparency::Sdf => f32::from(u8::from(value.abs() < reach)),
-            Transparency::Density => -(-super::step::density_of(value) * cell).exp_m1(),
+            Transparency::Density => {
+                -(-scene_decomp::colour_field::density_of(value) * cell).exp_m1()
+            }
         })
         .collect();
     grid.update(cells, &values);

@@ -7,40 +7,26 @@ use burn::tensor::{Device, TensorData};
 use glam::Vec3;
 use hashgrid::{GridLayout, SparseGrad};
 use losses::{
-    ColourLoss, PointPenalty, SparsityForm, background_loss, eikonal_loss, mask_loss, point_loss,
-    sparsity_loss,
+    ColourLoss, PointPenalty, SparsityForm, background_loss, eikonal_loss_of_lengths, mask_loss,
+    point_loss, sparsity_loss,
 };
-use neus_render::composite::{self, CompositeConfig, Packing, column, composite};
+use neus_render::composite::{self, column};
 use rand::RngExt;
-use scene_decomp::{Scene, Sharpness, SurfaceSamples};
+use scene_decomp::colour_field::{Matte, Reading, RowConfig};
+use scene_decomp::{Scene, Sharpness};
 
 use super::batch::{FieldSamples, MarchedBatch};
 use super::blend::blend;
 use super::distortion::Spread;
 use super::sampler::{RayBatch, step_random};
 use super::visible::composite_config;
-use crate::config::{self, Blend, TrainConfig, Transparency};
+use crate::config::{self, AlphaSource, Blend, TrainConfig, Transparency};
 use crate::prepare::Label;
 
 /// Points of the box that the sparsity loss looks at in each step.
 const SPARSITY_POINTS: usize = 512;
 /// Sparse points that each step asks for.
 const SURFACE_POINTS: usize = 256;
-
-/// Bounds of the logarithm of a density: of air, and of a wall in any step.
-const LEAST_LOG_DENSITY: f32 = -15.0;
-const MOST_LOG_DENSITY: f32 = 12.0;
-
-/// The density that BaCo's first output stands for when it is read as one.
-#[must_use]
-pub fn density_of(raw: f32) -> f32 {
-    (-raw).clamp(LEAST_LOG_DENSITY, MOST_LOG_DENSITY).exp()
-}
-
-/// [`density_of`] for a tensor.
-fn densities_of(raw: Tensor<2>) -> Tensor<2> {
-    raw.neg().clamp(LEAST_LOG_DENSITY, MOST_LOG_DENSITY).exp()
-}
 
 /// What is fixed over a run.
 #[derive(Clone, Debug)]
@@ -119,11 +105,6 @@ fn list(values: Vec<f32>, device: &Device) -> Tensor<1> {
     Tensor::from_data(TensorData::new(values, [n]), device)
 }
 
-/// `normal . direction`, `[m, 1]`.
-fn slope(samples: &SurfaceSamples, directions: &Tensor<2>) -> Tensor<2> {
-    samples.normal().mul(directions.clone()).sum_dim(1)
-}
-
 /// What is known about a batch's rays from looking ahead and back.
 #[derive(Clone, Copy, Debug)]
 pub struct Known<'a> {
@@ -152,28 +133,19 @@ pub fn loss(
     let config = &context.config;
     let weights = &config.loss;
     let device = &context.device;
-    let (object_samples, object) = object_columns(context, scene, &marched.object, schedule);
-    let (background_samples, background) =
-        background_columns(context, scene, &marched.background, schedule);
+    let object = object_rows(context, scene, &marched.object, schedule);
+    let background = background_rows(context, scene, &marched.background, schedule);
     let n_rays = batch.rays.len();
-    let packing = Arc::new(marched.packing.clone());
-    let compositing = composite_config(config, schedule.cos_anneal);
-    let spread = known.spread.map(|spread| {
-        spread_pixels(
-            object.clone(),
-            background.clone(),
-            sharpness.b(),
-            packing.clone(),
-            compositing,
-            spread,
-        )
-    });
+    let mut packing = marched.packing.clone();
+    if let Some(spread) = known.spread {
+        packing = packing.with_marks(spread.marks());
+    }
     let pixels = blend(
-        object,
-        background,
+        object.clone(),
+        background.clone(),
         sharpness.b(),
-        packing,
-        compositing,
+        Arc::new(packing),
+        composite_config(config, schedule.cos_anneal),
         &config.model,
     );
     let photo = constant(&batch.colours, 3, device);
@@ -181,7 +153,7 @@ pub fn loss(
     let first = column::BACKGROUND_COLOUR;
     let alone = pixels.rendered.clone().slice([0..n_rays, first..first + 3]);
     let first = column::OBJECT_OPACITY;
-    let opacity = pixels.rendered.slice([0..n_rays, first..first + 1]);
+    let opacity = pixels.rendered.clone().slice([0..n_rays, first..first + 1]);
     let matte = pixels.matte.reshape([n_rays]);
 
     let mut losses = StepLosses::default();
@@ -257,16 +229,15 @@ pub fn loss(
             .mean();
         add(part, weights.hidden, &mut losses.hidden);
     }
-    if let Some([spread, far]) = spread {
+    if known.spread.is_some() {
+        let [spread, far] = [column::MARKS, column::MARKS + 1]
+            .map(|of| pixels.rendered.clone().slice([0..n_rays, of..of + 1]));
         add(spread.mean(), weights.distortion, &mut losses.distortion);
         add(far.mean(), schedule.far_weight, &mut losses.far);
     }
-    if let Some(samples) = &object_samples {
-        add(
-            eikonal_loss(samples.normal(), None),
-            weights.eikonal,
-            &mut losses.eikonal,
-        );
+    if !marched.object.is_empty() {
+        let part = eikonal_loss_of_lengths(normal_lengths(object), None);
+        add(part, weights.eikonal, &mut losses.eikonal);
     }
     if weights.sparsity > 0.0 && !marched.object.is_empty() {
         let points = unseen_points(config.seed, schedule.step);
@@ -283,8 +254,8 @@ pub fn loss(
         let part = point_loss(sdf, PointPenalty::L1, None);
         add(part, weights.points, &mut losses.points);
     }
-    if let (Some(samples), Transparency::Sdf) = (&background_samples, config.model.background) {
-        let part = eikonal_loss(samples.normal(), None);
+    if !marched.background.is_empty() && config.model.background == Transparency::Sdf {
+        let part = eikonal_loss_of_lengths(normal_lengths(background), None);
         add(part, weights.eikonal_background, &mut losses.eikonal);
     }
     losses.total = scalar(&total);
@@ -293,52 +264,6 @@ pub fn loss(
 
 fn scalar(tensor: &Tensor<1>) -> f32 {
     tensor.clone().into_scalar::<f32>()
-}
-
-/// Of each ray the distortion loss, up to terms without gradient, and how far its light comes from;
-/// each `[rays, 1]`.
-fn spread_pixels(
-    object: Tensor<2>,
-    background: Tensor<2>,
-    sharpness: Tensor<1>,
-    packing: Arc<Packing>,
-    compositing: CompositeConfig,
-    spread: &Spread,
-) -> [Tensor<2>; 2] {
-    let painted = |samples: Tensor<2>, spread: &[f32], far: &[f32], colour: usize| {
-        let [m, columns] = samples.dims();
-        let device = samples.device();
-        let mut parts = vec![
-            samples.clone().slice([0..m, 0..colour]),
-            constant(spread, 1, &device),
-            constant(far, 1, &device),
-            Tensor::zeros([m, 1], &device),
-        ];
-        if columns > colour + 3 {
-            parts.push(Tensor::ones([m, columns - colour - 3], &device));
-        }
-        Tensor::cat(parts, 1)
-    };
-    let rays = packing.ray_count();
-    let pixels = composite(
-        painted(
-            object,
-            &spread.object,
-            &vec![0.0; spread.object.len()],
-            composite::object_column::COLOUR,
-        ),
-        painted(
-            background,
-            &spread.background,
-            &spread.far,
-            composite::background_column::COLOUR,
-        ),
-        sharpness,
-        packing,
-        compositing,
-    );
-    [column::JOINT_COLOUR, column::JOINT_COLOUR + 1]
-        .map(|of| pixels.clone().slice([0..rays, of..of + 1]))
 }
 
 /// Random points of the box, `[SPARSITY_POINTS * 3]`: mostly where no ray ever looks.
@@ -371,83 +296,68 @@ fn object_sdf(
     geometry.slice([0..n, 0..1]).reshape([n])
 }
 
-/// FoCoR's samples and its columns for compositing, `[m, 6]`.
-fn object_columns(
+/// The normals' lengths in rows of samples, `[m]`.
+fn normal_lengths(rows: Tensor<2>) -> Tensor<1> {
+    let [m, columns] = rows.dims();
+    rows.slice([0..m, columns - 1..columns]).reshape([m])
+}
+
+/// FoCoR's samples as rows for compositing, `[m, 7]`.
+fn object_rows(
     context: &StepContext,
     scene: &Scene,
     at: &FieldSamples,
     schedule: StepSchedule,
-) -> (Option<SurfaceSamples>, Tensor<2>) {
-    let device = &context.device;
+) -> Tensor<2> {
     if at.is_empty() {
-        return (
-            None,
-            Tensor::zeros([0, composite::object_column::COUNT], device),
-        );
+        return Tensor::zeros([0, composite::object_column::COUNT], &context.device);
     }
-    let directions = constant(&at.directions, 3, device);
-    let views: Vec<f32> = at
-        .directions
-        .iter()
-        .map(|d| schedule.view_share * d)
-        .collect();
-    let samples = scene.object.sample(
+    scene.object.sample_rows(
         &at.points,
-        &views,
-        &[],
+        &at.directions,
+        [&[], &[]],
         scene.object.sdf_config(
             &context.object_layout,
             schedule.active_levels,
             Some(context.object_gradient.clone()),
         ),
-    );
-    let colour = samples.colour.clone();
-    // The colour network's outputs are colour and alpha head, in the op's order.
-    let columns = Tensor::cat(vec![samples.sdf(), slope(&samples, &directions), colour], 1);
-    (Some(samples), columns)
+        RowConfig {
+            reading: Reading::Distance,
+            matte: match context.config.model.alpha {
+                AlphaSource::Opacity => Matte::One,
+                AlphaSource::Head | AlphaSource::Both => Matte::Head,
+            },
+            view_share: schedule.view_share,
+        },
+    )
 }
 
-/// BaCo's samples and its columns for compositing, `[m, 5]`.
-fn background_columns(
+/// BaCo's samples as rows for compositing, `[m, 6]`.
+fn background_rows(
     context: &StepContext,
     scene: &Scene,
     at: &FieldSamples,
     schedule: StepSchedule,
-) -> (Option<SurfaceSamples>, Tensor<2>) {
-    let device = &context.device;
+) -> Tensor<2> {
     if at.is_empty() {
-        return (
-            None,
-            Tensor::zeros([0, composite::background_column::COUNT], device),
-        );
+        return Tensor::zeros([0, composite::background_column::COUNT], &context.device);
     }
-    let directions = constant(&at.directions, 3, device);
-    let samples = scene.background.sample(
+    scene.background.sample_rows(
         &at.points,
         &at.directions,
-        &at.probability,
+        [&at.probability, &at.stretch],
         scene.background.sdf_config(
             &context.background_layout,
             schedule.background_levels,
             Some(context.background_gradient.clone()),
         ),
-    );
-    let columns = match context.config.model.background {
-        Transparency::Sdf => vec![
-            samples.sdf(),
-            slope(&samples, &directions),
-            samples.colour.clone(),
-        ],
-        Transparency::Density => {
-            let density = densities_of(samples.sdf());
-            let density = if at.stretch.is_empty() {
-                density
-            } else {
-                density.mul(constant(&at.stretch, 1, device))
-            };
-            let slope = Tensor::zeros([at.len(), 1], device);
-            vec![density, slope, samples.colour.clone()]
-        }
-    };
-    (Some(samples), Tensor::cat(columns, 1))
+        RowConfig {
+            reading: match context.config.model.background {
+                Transparency::Sdf => Reading::Distance,
+                Transparency::Density => Reading::Density,
+            },
+            matte: Matte::Head,
+            view_share: 1.0,
+        },
+    )
 }

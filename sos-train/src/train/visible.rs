@@ -9,8 +9,8 @@ use scene_decomp::{FrozenSurface, Geometry};
 
 use super::batch::MarchedBatch;
 use super::rounds::{self, Rules};
-use super::step::density_of;
 use crate::config::{AlphaSource, TrainConfig, Transparency};
+use scene_decomp::colour_field::density_of;
 
 /// Samples behind this transmittance are left out: they'd change a pixel by less than a tenth of
 /// what 8 bits can tell.
