@@ -4,17 +4,7 @@
 //! Notation: `s` is the sharpness `b` of `Phi_b(x) = 1 / (1 + exp(-b x))`; `slope` the derivative
 //! of the signed distance along the ray; `dt` the length of an interval around its midpoint.
 
-/// `log(1 + exp(x))` without overflow and with full relative precision for very negative `x`.
-#[inline]
-pub(crate) fn softplus(x: f32) -> f32 {
-    x.max(0.0) + (-x.abs()).exp().ln_1p()
-}
-
-/// `1 / (1 + exp(-x))`.
-#[inline]
-pub(crate) fn sigmoid(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
-}
+use tensor_slices::elementary::softplus;
 
 /// What turns signed distances to opacities, the same for all samples of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -18,6 +18,7 @@
 //! assert_eq!(&*Flex::as_f32(&twice::<Flex>(tensor, 2)), &[2.0, 5.0]);
 //! ```
 
+pub mod elementary;
 mod flex;
 mod ndarray;
 mod scratch;

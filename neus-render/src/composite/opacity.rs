@@ -1,8 +1,10 @@
 //! One sample: from a field's first two columns and a matte value to what the interval lets through,
 //! and the way back for gradients.
 
+use tensor_slices::elementary::{exp_m1_of_small, exp_non_positive, sigmoid, softplus};
+
 use super::Transparency;
-use crate::alpha::{NeusParameters, sigmoid, softplus};
+use crate::alpha::NeusParameters;
 
 /// What one sample does to light.
 #[derive(Clone, Copy)]
@@ -33,10 +35,10 @@ impl Opacity {
     pub(super) fn new(log: f32, matte: f32) -> Self {
         // The smaller of the two keeps its digits, and the other follows from it.
         let (bare_alpha, bare_survival) = if log > -0.7 {
-            let alpha = -log.exp_m1();
+            let alpha = -exp_m1_of_small(log);
             (alpha, 1.0 - alpha)
         } else {
-            let survival = log.exp();
+            let survival = exp_non_positive(log);
             (1.0 - survival, survival)
         };
         let matte = matte.clamp(0.0, 1.0);
