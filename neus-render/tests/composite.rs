@@ -13,8 +13,8 @@ use std::sync::Arc;
 use burn::tensor::{Device, Tensor, TensorData};
 use neus_render::{
     composite::{
-        CompositeConfig, Packing, Transparency, Visibility, background_column, column, composite,
-        composite_reference, object_column, sample_visibility,
+        CompositeConfig, MatteRole, Packing, Transparency, Visibility, background_column, column,
+        composite, composite_reference, object_column, sample_visibility,
     },
     random::unit_float,
 };
@@ -37,6 +37,15 @@ fn configs() -> Vec<CompositeConfig> {
         base,
         CompositeConfig {
             epsilon: 1e-5,
+            ..base
+        },
+        CompositeConfig {
+            matte: MatteRole::Unused,
+            ..base
+        },
+        CompositeConfig {
+            matte: MatteRole::Colour,
+            background: Transparency::Density,
             ..base
         },
         CompositeConfig {

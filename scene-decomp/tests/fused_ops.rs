@@ -9,7 +9,7 @@ use burn::Tensor;
 use burn::module::Module;
 use burn::tensor::{Device, TensorData};
 use hashgrid::{GridConfig, GridLayout};
-use scene_decomp::colour_field::{self, ColourFieldInputs, Matte, Reading, RowConfig};
+use scene_decomp::colour_field::{self, ColourFieldInputs, Reading, RowConfig};
 use scene_decomp::sdf_field;
 use scene_decomp::{InitialShape, Surface, SurfaceConfig};
 
@@ -241,16 +241,14 @@ fn colour_field_equals_its_reference() {
 #[test]
 fn sample_rows_equal_their_reference() {
     let cases = [
-        (Reading::Distance, Matte::Head, 1.0, 0),
-        (Reading::Distance, Matte::One, 0.25, 0),
-        (Reading::Density, Matte::Head, 0.0, 1),
-        (Reading::Density, Matte::One, 1.0, 0),
+        (Reading::Distance, 1.0, 0),
+        (Reading::Distance, 0.25, 0),
+        (Reading::Density, 0.0, 1),
+        (Reading::Density, 1.0, 0),
     ];
     for device in [Device::flex(), Device::ndarray()] {
         let device = &device.autodiff();
-        for ((reading, matte, view_share, stretched), n) in
-            cases.into_iter().zip([1, 129, 1000, 70])
-        {
+        for ((reading, view_share, stretched), n) in cases.into_iter().zip([1, 129, 1000, 70]) {
             let mut geometry = numbers(n * 11, 51);
             for (row, raw) in geometry
                 .chunks_exact_mut(11)
@@ -261,7 +259,6 @@ fn sample_rows_equal_their_reference() {
             let upstream = numbers(n * 7, 52);
             let config = RowConfig {
                 reading,
-                matte,
                 view_share,
             };
             let run = |reference: bool| {
@@ -301,7 +298,7 @@ fn sample_rows_equal_their_reference() {
                 let of = |rows: &[f32], width: usize| -> Vec<f32> {
                     rows.iter().skip(column).step_by(width).copied().collect()
                 };
-                let name = format!("column {column}, {reading:?}, {matte:?}");
+                let name = format!("column {column}, {reading:?}");
                 let (a, b) = (of(&kernel.0, 7), of(&reference.0, 7));
                 assert_close(&name, &a, &b, VALUE_TOLERANCE);
             }
@@ -309,7 +306,7 @@ fn sample_rows_equal_their_reference() {
                 let of = |rows: &[f32]| -> Vec<f32> {
                     rows.iter().skip(column).step_by(11).copied().collect()
                 };
-                let name = format!("geometry {column}, {reading:?}, {matte:?}");
+                let name = format!("geometry {column}, {reading:?}");
                 let (a, b) = (of(&kernel.1[0]), of(&reference.1[0]));
                 assert_close(&name, &a, &b, GRADIENT_TOLERANCE);
             }

@@ -27,7 +27,7 @@ pub struct CompositeGradients<B: Backend> {
 /// Backends that have the gradient kernel, too.
 pub trait CompositeBackwardOps: CompositeOps {
     /// Gradients of the inputs (object, background, sharpness) from that of the pixels, `grad`
-    /// `[rays, 18]`.
+    /// `[rays, 20]`.
     fn composite_backward(
         inputs: [FloatTensor<Self>; 3],
         grad: FloatTensor<Self>,

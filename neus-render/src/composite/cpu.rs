@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use tensor_slices::Stopwatch;
 
 use super::{
-    CompositeConfig, LEAST_SURVIVAL, Packing, background_column, column, object_column,
+    CompositeConfig, LEAST_SURVIVAL, MatteRole, Packing, background_column, column, object_column,
     opacity::{Kernel, Opacity},
     visibility::Light,
 };
@@ -43,7 +43,7 @@ pub static FORWARD: Stopwatch = Stopwatch::new();
 /// Time spent in backward passes.
 pub static BACKWARD: Stopwatch = Stopwatch::new();
 
-/// Pixels of all rays: `[rays, 18]` row-major.
+/// Pixels of all rays: `[rays, 20]` row-major.
 pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
     let _lap = FORWARD.lap();
     batch.check();
@@ -58,7 +58,7 @@ pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
     out
 }
 
-/// Gradients of all inputs from that of the pixels, `grad` `[rays, 18]`.
+/// Gradients of all inputs from that of the pixels, `grad` `[rays, 20]`.
 pub(crate) fn backward(batch: &Batch<'_>, grad: &[f32]) -> Gradients {
     let _lap = BACKWARD.lap();
     batch.check();
@@ -238,7 +238,11 @@ impl<'a> Batch<'a> {
                 let row = &self.object[object_row * self.object_width..];
                 let log =
                     kernels[0].log_survival(row[object_column::SDF], row[object_column::SLOPE], dt);
-                step.object = Opacity::new(log, row[object_column::MATTE]);
+                let matte = match self.config.matte {
+                    MatteRole::Opacity => row[object_column::MATTE],
+                    MatteRole::Unused | MatteRole::Colour => 1.0,
+                };
+                step.object = Opacity::new(log, matte);
                 step.object_row = Some(object_row);
                 object_row += 1;
             }
@@ -272,9 +276,15 @@ impl<'a> Batch<'a> {
             if let Some(row) = step.object_row {
                 let colour = self.object_colour(row);
                 let alone = step.object_alone * step.object.alpha;
+                let head = self.head(row);
+                let (held, held_alone) = (w_f * head, alone * head);
                 for c in 0..3 {
-                    pixel[column::JOINT_COLOUR + c] += w_f * colour[c];
-                    pixel[column::OBJECT_COLOUR + c] += alone * colour[c];
+                    pixel[column::JOINT_COLOUR + c] += held * colour[c];
+                    pixel[column::OBJECT_COLOUR + c] += held_alone * colour[c];
+                }
+                if self.config.matte == MatteRole::Colour {
+                    pixel[column::HEAD] += held;
+                    pixel[column::HEAD_ALONE] += held_alone;
                 }
                 pixel[column::MATTE] += w_f;
                 pixel[column::OBJECT_DEPTH] += alone * t;
@@ -309,6 +319,15 @@ impl<'a> Batch<'a> {
         &self.object[at..at + 3]
     }
 
+    /// What an object's colour is multiplied by.
+    #[inline]
+    fn head(&self, row: usize) -> f32 {
+        match self.config.matte {
+            MatteRole::Colour => self.object[row * self.object_width + object_column::MATTE],
+            MatteRole::Unused | MatteRole::Opacity => 1.0,
+        }
+    }
+
     #[inline]
     fn background_colour(&self, row: usize) -> &[f32] {
         let at = row * self.background_width + background_column::COLOUR;
@@ -337,6 +356,10 @@ impl<'a> Batch<'a> {
         let mut behind_object = -grad[column::OBJECT_OPACITY] * rest.object;
         let mut behind_background = -grad[column::BACKGROUND_OPACITY] * rest.background;
         let g_log = grad[column::OBJECT_LOG_TRANSMITTANCE];
+        let (g_head, g_head_alone) = match self.config.matte {
+            MatteRole::Colour => (grad[column::HEAD], grad[column::HEAD_ALONE]),
+            MatteRole::Unused | MatteRole::Opacity => (0.0, 0.0),
+        };
         let g_marks = &grad[column::MARKS..column::MARKS + 2];
         let marks = self.packing.marks();
         let mut sharpness = [0.0; 2];
@@ -347,10 +370,14 @@ impl<'a> Batch<'a> {
             let g_depth = grad[column::JOINT_DEPTH] * t;
             // Loss per unit of the weights: w_F, w_B, and of each field alone.
             let (mut per_f, mut per_f_alone) = (0.0, 0.0);
+            let (mut per_head, mut per_head_alone) = (0.0, 0.0);
             if let Some(row) = step.object_row {
                 let colour = self.object_colour(row);
-                per_f = g_depth + grad[column::MATTE] + dot(g_joint, colour);
-                per_f_alone = grad[column::OBJECT_DEPTH] * t + dot(g_object, colour);
+                let head = self.head(row);
+                per_head = dot(g_joint, colour) + g_head;
+                per_head_alone = dot(g_object, colour) + g_head_alone;
+                per_f = g_depth + grad[column::MATTE] + head * per_head;
+                per_f_alone = grad[column::OBJECT_DEPTH] * t + head * per_head_alone;
                 if let Some(marks) = marks {
                     let mark = marks.object[row];
                     per_f += g_marks[0] * mark[0] + g_marks[1] * mark[1];
@@ -387,14 +414,22 @@ impl<'a> Batch<'a> {
                 sharpness[0] += f64::from(chain.sharpness);
                 let alone = step.object_alone * a_f;
                 let weight = step.object_weight();
+                let head = self.head(row);
                 for c in 0..3 {
-                    out[object_column::COLOUR + c] = weight * g_joint[c] + alone * g_object[c];
+                    out[object_column::COLOUR + c] =
+                        head * (weight * g_joint[c] + alone * g_object[c]);
                 }
-                // What lies behind is proportional to the survival, so its quotient is bounded.
-                out[object_column::MATTE] = opacity.bare_alpha
-                    * (here
-                        - behind / opacity.survival.max(f32::MIN_POSITIVE)
-                        - g_log / opacity.survival.max(LEAST_SURVIVAL));
+                out[object_column::MATTE] = match self.config.matte {
+                    MatteRole::Unused => 0.0,
+                    MatteRole::Colour => weight * per_head + alone * per_head_alone,
+                    // What lies behind is proportional to the survival, so its quotient is bounded.
+                    MatteRole::Opacity => {
+                        opacity.bare_alpha
+                            * (here
+                                - behind / opacity.survival.max(f32::MIN_POSITIVE)
+                                - g_log / opacity.survival.max(LEAST_SURVIVAL))
+                    }
+                };
             }
             if let Some(row) = step.background_row {
                 let here = step.joint * (per_b * (1.0 - 0.5 * a_f) - 0.5 * per_f * a_f)

@@ -1,7 +1,7 @@
 //! Joint compositing of two fields along rays, in depth order, as one differentiable op.
 //!
 //! An interval `i` of a ray has an opacity `a_F` of the object F (0 where F has no sample; times
-//! its matte value) and `a_B` of the background B. With the transmittance of both,
+//! its matte value, if [`MatteRole`] says so) and `a_B` of the background B. With the transmittance of both,
 //! `T_i = prod_{j<i} (1 - a_F_j)(1 - a_B_j)`, the weights are
 //!
 //! ```text
@@ -18,7 +18,7 @@
 //!
 //! Tensors, all f32: the object's samples are the rows of `[m_f, 6]` (columns [`object_column`]), the
 //! background's those of `[m_b, 5]` ([`background_column`]), sharpnesses `[2]` (F, B), the result
-//! `[rays, 18]` ([`mod@column`]). Rows may have further columns behind these, which are not read and
+//! `[rays, 20]` ([`mod@column`]). Rows may have further columns behind these, which are not read and
 //! have a gradient of zero. Everything is tracked but the [`Packing`].
 
 // Upstream marks burn-ndarray deprecated in favour of Flex; this workspace supports both.
@@ -59,7 +59,7 @@ pub mod object_column {
     pub const SLOPE: usize = 1;
     /// Red, green, blue from here.
     pub const COLOUR: usize = 2;
-    /// The matte value in [0, 1] that multiplies the opacity; 1 when there is none.
+    /// The matte value in [0, 1]: see [`MatteRole`](super::MatteRole).
     pub const MATTE: usize = 5;
     /// How many columns there are.
     pub const COUNT: usize = 6;
@@ -102,8 +102,12 @@ pub mod column {
     /// The blend of both fields' [`Marks`](super::Marks) from here, `sum w_F m_F + w_B m_B`: two
     /// columns, zero where there are no marks.
     pub const MARKS: usize = 16;
+    /// The matte values that multiply colours, blended jointly: `sum w_F m`; else zero.
+    pub const HEAD: usize = 18;
+    /// The same with the weights of the object alone.
+    pub const HEAD_ALONE: usize = 19;
     /// How many columns there are.
-    pub const COUNT: usize = 18;
+    pub const COUNT: usize = 20;
 }
 
 /// How a field's first column becomes an opacity.
@@ -115,6 +119,18 @@ pub enum Transparency {
     Density,
 }
 
+/// What the object's matte values multiply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum MatteRole {
+    /// Nothing: they are not read.
+    Unused,
+    /// The sample's opacity, which lets what is behind shine through.
+    Opacity,
+    /// The sample's colour alone, which darkens: the object's opacity is what the surface says, and
+    /// the values are composited beside it ([`column::HEAD`]).
+    Colour,
+}
+
 /// What compositing depends on besides the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CompositeConfig {
@@ -122,6 +138,8 @@ pub struct CompositeConfig {
     pub object: Transparency,
     /// How the background's opacities come about.
     pub background: Transparency,
+    /// What the matte values multiply.
+    pub matte: MatteRole,
     /// NeuS's annealing in [0, 1]: at 0 surfaces seen from any side count, at 1 (the end of it)
     /// only those that face the camera.
     pub cos_anneal: f32,
@@ -137,6 +155,7 @@ impl Default for CompositeConfig {
         Self {
             object: Transparency::Sdf,
             background: Transparency::Sdf,
+            matte: MatteRole::Opacity,
             cos_anneal: 1.0,
             epsilon: 0.0,
         }
@@ -147,7 +166,7 @@ impl Default for CompositeConfig {
 #[backend_extension(NdArray, Flex, Cube: cfg(feature = "cube"), Autodiff)]
 pub trait CompositeOps: Backend {
     /// See [`composite`]: object `[m_f, 6 or more]`, background `[m_b, 5 or more]`, sharpness `[2]` to
-    /// `[rays, 18]`.
+    /// `[rays, 20]`.
     fn composite(
         object: FloatTensor<Self>,
         background: FloatTensor<Self>,
@@ -160,7 +179,7 @@ pub trait CompositeOps: Backend {
 /// Colours, mattes, opacities and depths of rays from the samples of two fields.
 ///
 /// `object` `[m_f, 6]`, `background` `[m_b, 5]` and `sharpness` `[2]` (the `b` of `Phi_b` for F and B)
-/// to `[rays, 18]`; what columns mean is in [`object_column`], [`background_column`] and [`mod@column`].
+/// to `[rays, 20]`; what columns mean is in [`object_column`], [`background_column`] and [`mod@column`].
 /// A field without any sample is a tensor with zero rows. Rays without intervals give zeros.
 ///
 /// The gradient of the log-transmittance with respect to a matte value is `-a / (1 - m a)`; its

@@ -5,7 +5,9 @@
 
 use burn::tensor::{Int, Tensor, TensorData, activation};
 
-use super::{CompositeConfig, Packing, Transparency, background_column, column, object_column};
+use super::{
+    CompositeConfig, MatteRole, Packing, Transparency, background_column, column, object_column,
+};
 
 /// [`composite`](super::composite) in plain tensor operations; slow, for tests and for reading.
 ///
@@ -53,7 +55,12 @@ pub fn composite_reference(
         config.background,
         config,
     ) * b.present;
-    let matte = column_of(&f.values, object_column::MATTE);
+    let values = column_of(&f.values, object_column::MATTE);
+    let (matte, head) = match config.matte {
+        MatteRole::Unused => (f.present.clone(), f.present.clone()),
+        MatteRole::Opacity => (values, f.present.clone()),
+        MatteRole::Colour => (f.present.clone(), values),
+    };
     // 1 - m a with a = 1 - exp(bare); where the field is absent, m = 0 and a = 0.
     let survival_f = (matte.clone().neg() + 1.0) + matte.clone() * bare_f.clone().exp();
     let log_f = survival_f.log();
@@ -71,9 +78,10 @@ pub fn composite_reference(
     let sum = |x: Tensor<2>| x.sum_dim(1);
     let blend = |w: &Tensor<2>, values: &Tensor<3>, c: usize| sum(w.clone() * column_of(values, c));
     let mut columns = Vec::with_capacity(column::COUNT);
+    let (held, held_alone) = (w_f.clone() * head.clone(), alone_f.clone() * head);
     for c in 0..3 {
         columns.push(
-            blend(&w_f, &f.values, object_column::COLOUR + c)
+            blend(&held, &f.values, object_column::COLOUR + c)
                 + blend(&w_b, &b.values, background_column::COLOUR + c),
         );
     }
@@ -87,7 +95,7 @@ pub fn composite_reference(
     }
     columns.push(total_b.clone().exp().neg() + 1.0);
     for c in 0..3 {
-        columns.push(blend(&alone_f, &f.values, object_column::COLOUR + c));
+        columns.push(blend(&held_alone, &f.values, object_column::COLOUR + c));
     }
     columns.push(sum((w_f.clone() + w_b.clone()) * grid.t.clone()));
     columns.push(sum(alone_f * grid.t.clone()));
@@ -104,6 +112,13 @@ pub fn composite_reference(
         };
         columns.push(sum(w_f.clone() * mark(&marks.object, packing.object())
             + w_b.clone() * mark(&marks.background, packing.background())));
+    }
+    for head in [held, held_alone] {
+        let blended = sum(head);
+        columns.push(match config.matte {
+            MatteRole::Colour => blended,
+            MatteRole::Unused | MatteRole::Opacity => blended.zeros_like(),
+        });
     }
     Tensor::cat(columns, 1)
 }

@@ -2,7 +2,7 @@
 //! no care for numerics: what the shipped single-precision forms are compared with.
 
 use neus_render::{
-    composite::{CompositeConfig, Marks, Packing, Transparency, column},
+    composite::{CompositeConfig, Marks, MatteRole, Packing, Transparency, column},
     random::unit_float,
 };
 
@@ -41,7 +41,7 @@ impl Scene {
         }
     }
 
-    /// Pixels, [rays, 18].
+    /// Pixels, [rays, 20].
     pub(crate) fn pixels(&self) -> Vec<[f64; column::COUNT]> {
         let packing = &self.packing;
         let mut out = Vec::new();
@@ -58,8 +58,13 @@ impl Scene {
                 let mark_f = mark(marks.and_then(|marks| Some(marks.object[f?])));
                 let mark_b = mark(marks.and_then(|marks| Some(marks.background[b?])));
                 let f = f.map_or([0.0; 6], |row| self.object[row]);
+                let (matte, head) = match self.config.matte {
+                    MatteRole::Unused => (1.0, 1.0),
+                    MatteRole::Opacity => (f[5], 1.0),
+                    MatteRole::Colour => (1.0, f[5]),
+                };
                 let a_f = if packing.object().contains(&i) {
-                    f[5] * self.alpha(self.config.object, f[0], f[1], dt, self.sharpness[0])
+                    matte * self.alpha(self.config.object, f[0], f[1], dt, self.sharpness[0])
                 } else {
                     0.0
                 };
@@ -73,12 +78,16 @@ impl Scene {
                 let w_f = joint * a_f * (1.0 - a_b / 2.0);
                 let w_b = joint * a_b * (1.0 - a_f / 2.0);
                 for c in 0..3 {
-                    pixel[column::JOINT_COLOUR + c] += w_f * f[2 + c] + w_b * b[2 + c];
-                    pixel[column::OBJECT_COLOUR + c] += only_f * a_f * f[2 + c];
+                    pixel[column::JOINT_COLOUR + c] += w_f * head * f[2 + c] + w_b * b[2 + c];
+                    pixel[column::OBJECT_COLOUR + c] += only_f * a_f * head * f[2 + c];
                     pixel[column::BACKGROUND_COLOUR + c] += only_b * a_b * b[2 + c];
                 }
                 for c in 0..2 {
                     pixel[column::MARKS + c] += w_f * mark_f[c] + w_b * mark_b[c];
+                }
+                if self.config.matte == MatteRole::Colour {
+                    pixel[column::HEAD] += w_f * head;
+                    pixel[column::HEAD_ALONE] += only_f * a_f * head;
                 }
                 pixel[column::MATTE] += w_f;
                 pixel[column::JOINT_DEPTH] += (w_f + w_b) * t;

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use tensor_slices::{Scratch, Stopwatch};
 
 use super::row::{LEAST_LOG_DENSITY, LENGTH_OFFSET, MOST_LOG_DENSITY, density_of, row_column};
-use super::{MAX_OUTPUTS, Matte, Output, Reading, RowConfig};
+use super::{MAX_OUTPUTS, Output, Reading, RowConfig};
 use crate::sdf_field::transposed;
 use crate::tile::partials::{LayerGradient, LayerPartials};
 use crate::tile::transpose::{rows_to_tile, rows_to_tile_padded, tile_to_rows};
@@ -272,21 +272,8 @@ impl WithSimd for ForwardTile<'_> {
         for value in out.iter_mut() {
             *value = activation::sigmoid(*value);
         }
-        if has_fixed_matte(self.output) {
-            out[(outputs - 1) * POINTS..].fill(1.0);
-        }
         tile_to_rows(rows, self.output.columns(outputs), self.out);
     }
-}
-
-fn has_fixed_matte(output: Output) -> bool {
-    matches!(
-        output,
-        Output::Row(RowConfig {
-            matte: Matte::One,
-            ..
-        })
-    )
 }
 
 /// The rows of a tile around the network's outputs, from its inputs `x`; afterwards the directions in
@@ -438,7 +425,6 @@ impl WithSimd for BackwardJob<'_> {
             rows_to_tile_padded(out, columns, &mut rows);
             let d_out = &mut d_rows[colours.clone()];
             for (d, &o) in d_out.iter_mut().zip(&rows[colours.clone()]) {
-                // Zero where a matte value is 1 whatever the head says.
                 *d *= o * (1.0 - o);
             }
             layer::outer(simd, d_out, h2, &mut p3.weight);

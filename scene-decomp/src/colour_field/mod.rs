@@ -25,7 +25,7 @@ pub mod reference;
 mod row;
 
 pub use cpu::{BACKWARD, EVALUATION, FORWARD};
-pub use row::{Matte, Output, Reading, RowConfig, density_of, row_column};
+pub use row::{Output, Reading, RowConfig, density_of, row_column};
 
 use burn::Tensor;
 use burn::backend::{Backend, Dispatch, backend_extension, tensor::FloatTensor};

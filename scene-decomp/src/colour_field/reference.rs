@@ -4,7 +4,7 @@ use burn::Tensor;
 use burn::tensor::activation::{relu, sigmoid};
 
 use super::row::{LENGTH_OFFSET, densities_of};
-use super::{ColourFieldInputs, ColourFieldWeights, Matte, Reading, RowConfig};
+use super::{ColourFieldInputs, ColourFieldWeights, Reading, RowConfig};
 
 /// Same as [`colour_field`](super::colour_field), slowly.
 #[must_use]
@@ -45,11 +45,6 @@ pub fn sample_rows(
         directions,
         ..inputs
     };
-    let mut out = colour_field(seen, weights);
-    if config.matte == Matte::One {
-        let last = out.dims()[1] - 1;
-        let ones = Tensor::ones([n, 1], &out.device());
-        out = Tensor::cat(vec![out.slice([0..n, 0..last]), ones], 1);
-    }
+    let out = colour_field(seen, weights);
     Tensor::cat(vec![first, slope, out, length], 1)
 }

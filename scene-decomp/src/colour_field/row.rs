@@ -11,22 +11,11 @@ pub enum Reading {
     Density,
 }
 
-/// Where the matte value of a row comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Matte {
-    /// The network's last output: the alpha head, or blue where there is none.
-    Head,
-    /// One: the alpha head is neither read nor trained.
-    One,
-}
-
 /// How [`sample_rows`](super::sample_rows) reads a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RowConfig {
     /// What the first output is.
     pub reading: Reading,
-    /// Where the matte value comes from.
-    pub matte: Matte,
     /// Factor on the directions that the network sees; the slope along the ray is of the whole ones.
     pub view_share: f32,
 }

@@ -9,6 +9,7 @@ use neus_render::composite::{background_column, column, object_column};
 use neus_render::march::{Jitter, MarchConfig};
 use neus_render::rays::Ray;
 use rayon::prelude::*;
+use scene_decomp::colour_field::density_of;
 use scene_decomp::probability::ProbabilityMap;
 
 use crate::config::{AlphaSource, Blend, TrainConfig, Transparency};
@@ -16,7 +17,6 @@ use crate::train::batch::{BatchMarcher, MarchedBatch};
 use crate::train::blend::blend;
 use crate::train::grids::FieldGrids;
 use crate::train::visible::{FrozenFields, Look, composite_config};
-use scene_decomp::colour_field::density_of;
 
 /// Rays that one task renders: few enough that its core's cache holds their samples.
 const CHUNK: usize = 256;

@@ -12,9 +12,7 @@
 use std::sync::Arc;
 
 use burn::Tensor;
-use neus_render::composite::{
-    CompositeConfig, Packing, background_column, column, composite, object_column,
-};
+use neus_render::composite::{CompositeConfig, Packing, column, composite};
 
 use crate::config::{AlphaSource, Blend, ModelConfig};
 
@@ -25,14 +23,15 @@ pub struct Blended {
     pub colour: Tensor<2>,
     /// The visible object's share, `[rays, 1]`.
     pub matte: Tensor<2>,
-    /// What [`composite`] gave, `[rays, 18]`.
+    /// What [`composite`] gave, `[rays, 20]`.
     pub rendered: Tensor<2>,
 }
 
 /// Composites the fields' samples as `model` says.
 ///
-/// `object` `[m_f, 6 or more]` has as its matte column 1 where the opacity is the matte, else the head's
-/// value; `background` is `[m_b, 5 or more]`, `sharpness` `[2]`.
+/// `object` `[m_f, 6 or more]` has the head's value in its matte column, which `composite_config` reads
+/// as the source of the matte wants it ([`composite_config`](super::visible::composite_config));
+/// `background` is `[m_b, 5 or more]`, `sharpness` `[2]`.
 #[must_use]
 pub fn blend(
     object: Tensor<2>,
@@ -43,65 +42,33 @@ pub fn blend(
     model: &ModelConfig,
 ) -> Blended {
     let rays = packing.ray_count();
-    let draw = |object: Tensor<2>, background: Tensor<2>| {
-        composite(
-            object,
-            background,
-            sharpness.clone(),
-            packing.clone(),
-            composite_config,
-        )
+    let rendered = composite(object, background, sharpness, packing, composite_config);
+    let part = |first: usize, count: usize| rendered.clone().slice([0..rays, first..first + count]);
+    let (colour, opacity, head) = match model.blend {
+        Blend::Sample => (column::JOINT_COLOUR, column::MATTE, column::HEAD),
+        Blend::Ray => (
+            column::OBJECT_COLOUR,
+            column::OBJECT_OPACITY,
+            column::HEAD_ALONE,
+        ),
     };
-    let column_of = |of: &Tensor<2>, first: usize, count: usize| {
-        of.clone().slice([0..rays, first..first + count])
+    let matte = part(
+        match model.alpha {
+            AlphaSource::Head => head,
+            AlphaSource::Opacity | AlphaSource::Both => opacity,
+        },
+        1,
+    );
+    let colour = part(colour, 3);
+    // What shows the background besides, where colours do not hold it yet.
+    let share = match (model.blend, model.alpha) {
+        (Blend::Ray, _) => Some(matte.clone().neg().add_scalar(1.0)),
+        (Blend::Sample, AlphaSource::Head) => Some(part(opacity, 1) - matte.clone()),
+        (Blend::Sample, AlphaSource::Opacity | AlphaSource::Both) => None,
     };
-    let (joint, opacity) = match model.blend {
-        Blend::Sample => (column::JOINT_COLOUR, column::MATTE),
-        Blend::Ray => (column::OBJECT_COLOUR, column::OBJECT_OPACITY),
-    };
-    if model.alpha == AlphaSource::Head {
-        let [m, _] = object.dims();
-        let part = |from: usize, to: usize| object.clone().slice([0..m, from..to]);
-        let first = part(0, object_column::COLOUR);
-        let colour = part(object_column::COLOUR, object_column::MATTE);
-        let head = part(object_column::MATTE, object_column::COUNT);
-        let solid =
-            |colour: Tensor<2>| Tensor::cat(vec![first.clone(), colour, head.ones_like()], 1);
-        let held = draw(solid(colour.clone() * head.clone()), background.clone());
-        // The head itself, drawn as a colour.
-        let [n, _] = background.dims();
-        let black = Tensor::cat(
-            vec![
-                background
-                    .clone()
-                    .slice([0..n, 0..background_column::COLOUR]),
-                Tensor::zeros([n, 3], &background.device()),
-            ],
-            1,
-        );
-        let heads = Tensor::cat(vec![head.clone(), head.clone(), head.clone()], 1);
-        let drawn = draw(solid(heads), black);
-        let matte = column_of(&drawn, joint, 1);
-        let behind = column_of(&held, column::BACKGROUND_COLOUR, 3);
-        let share = match model.blend {
-            Blend::Sample => column_of(&held, opacity, 1) - matte.clone(),
-            Blend::Ray => matte.clone().neg().add_scalar(1.0),
-        };
-        return Blended {
-            colour: column_of(&held, joint, 3) + behind * share,
-            matte,
-            rendered: draw(solid(colour), background),
-        };
-    }
-    let rendered = draw(object, background);
-    let matte = column_of(&rendered, opacity, 1);
-    let colour = match model.blend {
-        Blend::Sample => column_of(&rendered, joint, 3),
-        Blend::Ray => {
-            column_of(&rendered, joint, 3)
-                + column_of(&rendered, column::BACKGROUND_COLOUR, 3)
-                    * matte.clone().neg().add_scalar(1.0)
-        }
+    let colour = match share {
+        Some(share) => colour + part(column::BACKGROUND_COLOUR, 3) * share,
+        None => colour,
     };
     Blended {
         colour,
@@ -119,6 +86,7 @@ mod tests {
 
     use super::*;
     use crate::config::{Preset, TrainConfig};
+    use crate::train::visible::matte_role;
 
     /// A red object whose head says 0.5, between a thin blue veil and a green wall.
     fn pixel(blend_by: Blend, alpha: AlphaSource, head: f32) -> (Vec<f32>, f32) {
@@ -130,10 +98,6 @@ mod tests {
             vec![1, 2],
             vec![0, 3],
         );
-        let head = match alpha {
-            AlphaSource::Opacity => 1.0,
-            AlphaSource::Head | AlphaSource::Both => head,
-        };
         let model = ModelConfig {
             blend: blend_by,
             alpha,
@@ -157,6 +121,7 @@ mod tests {
             Arc::new(packing),
             CompositeConfig {
                 background: composite::Transparency::Density,
+                matte: matte_role(alpha),
                 ..CompositeConfig::default()
             },
             &model,

@@ -10,12 +10,12 @@ use neus_render::composite::{
     object_column, visibility_from,
 };
 use rayon::prelude::*;
+use scene_decomp::colour_field::density_of;
 use scene_decomp::{FrozenSurface, Geometry};
 
 use super::batch::{FieldSamples, MarchedBatch};
 use super::visible::{LEAST_TRANSMITTANCE, Look};
 use crate::config::Transparency;
-use scene_decomp::colour_field::density_of;
 
 /// Samples of a ray in the first round; twice as many in each further one.
 const FIRST_ROUND: usize = 8;

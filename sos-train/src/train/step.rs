@@ -12,7 +12,7 @@ use losses::{
 };
 use neus_render::composite::{self, column};
 use rand::RngExt;
-use scene_decomp::colour_field::{Matte, Reading, RowConfig};
+use scene_decomp::colour_field::{Reading, RowConfig};
 use scene_decomp::{Scene, Sharpness};
 
 use super::batch::{FieldSamples, MarchedBatch};
@@ -20,7 +20,7 @@ use super::blend::blend;
 use super::distortion::Spread;
 use super::sampler::{RayBatch, step_random};
 use super::visible::composite_config;
-use crate::config::{self, AlphaSource, Blend, TrainConfig, Transparency};
+use crate::config::{self, Blend, TrainConfig, Transparency};
 use crate::prepare::Label;
 
 /// Points of the box that the sparsity loss looks at in each step.
@@ -323,10 +323,6 @@ fn object_rows(
         ),
         RowConfig {
             reading: Reading::Distance,
-            matte: match context.config.model.alpha {
-                AlphaSource::Opacity => Matte::One,
-                AlphaSource::Head | AlphaSource::Both => Matte::Head,
-            },
             view_share: schedule.view_share,
         },
     )
@@ -356,7 +352,6 @@ fn background_rows(
                 Transparency::Sdf => Reading::Distance,
                 Transparency::Density => Reading::Density,
             },
-            matte: Matte::Head,
             view_share: 1.0,
         },
     )

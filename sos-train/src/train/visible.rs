@@ -3,14 +3,14 @@
 //! Most samples of a marched ray lie behind its first surface, where nothing they do can be seen.
 //! Their geometry alone tells, at a fraction of the price of a whole sample with its gradient.
 
-use neus_render::composite::{self, CompositeConfig, SampleVisibility};
+use neus_render::composite::{self, CompositeConfig, MatteRole, SampleVisibility};
 use rand::{Rng, RngExt};
+use scene_decomp::colour_field::density_of;
 use scene_decomp::{FrozenSurface, Geometry};
 
 use super::batch::MarchedBatch;
 use super::rounds::{self, Rules};
 use crate::config::{AlphaSource, TrainConfig, Transparency};
-use scene_decomp::colour_field::density_of;
 
 /// Samples behind this transmittance are left out: they'd change a pixel by less than a tenth of
 /// what 8 bits can tell.
@@ -203,8 +203,18 @@ pub fn composite_config(config: &TrainConfig, cos_anneal: f32) -> CompositeConfi
             Transparency::Sdf => composite::Transparency::Sdf,
             Transparency::Density => composite::Transparency::Density,
         },
+        matte: matte_role(config.model.alpha),
         cos_anneal,
         ..CompositeConfig::default()
+    }
+}
+
+/// What the alpha head's values do in compositing.
+pub(super) fn matte_role(alpha: AlphaSource) -> MatteRole {
+    match alpha {
+        AlphaSource::Opacity => MatteRole::Unused,
+        AlphaSource::Both => MatteRole::Opacity,
+        AlphaSource::Head => MatteRole::Colour,
     }
 }
 

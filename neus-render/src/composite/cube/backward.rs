@@ -4,8 +4,8 @@
 use gpu_tensors::cubecl;
 
 use super::opacity::{Kind, Opacity, Parameters, chain, log_survival, nothing, opacity};
-use super::{KEPT, Kinds, Starts, parameters, ray_at};
-use crate::composite::{LEAST_SURVIVAL, background_column, column, object_column};
+use super::{KEPT, Kinds, Starts, factor_of_colour, factor_of_opacity, parameters, ray_at};
+use crate::composite::{LEAST_SURVIVAL, MatteRole, background_column, column, object_column};
 use cubecl::prelude::*;
 
 /// The smallest normal number; below it devices may round to zero.
@@ -18,12 +18,13 @@ fn object_opacity(
     at: usize,
     parameters: &Parameters,
     dt: f32,
-    #[comptime] kind: Kind,
+    #[comptime] kinds: Kinds,
 ) -> Opacity {
     let sdf = object[at + comptime!(object_column::SDF)];
     let slope = object[at + comptime!(object_column::SLOPE)];
-    let log = log_survival(parameters, sdf, slope, dt, kind);
-    opacity(log, object[at + comptime!(object_column::MATTE)])
+    let log = log_survival(parameters, sdf, slope, dt, kinds.object);
+    let value = object[at + comptime!(object_column::MATTE)];
+    opacity(log, factor_of_opacity(value, kinds.matte))
 }
 
 /// What a row of the background's does to light.
@@ -54,6 +55,7 @@ pub(super) fn backward_kernel(
     sharpness: &[f32],
     index: &[u32],
     times: &[f32],
+    marks: &[f32],
     grad: &[f32],
     kept: &mut [f32],
     d_object: &mut [f32],
@@ -69,8 +71,8 @@ pub(super) fn backward_kernel(
         let ray = ray_at(index, &starts, number);
         let of_object = parameters(sharpness, 0usize, cos_anneal, log_epsilon);
         let of_background = parameters(sharpness, 1usize, cos_anneal, log_epsilon);
-        let columns_f = comptime!(object_column::COUNT);
-        let columns_b = comptime!(background_column::COUNT);
+        let columns_f = comptime!(kinds.object_width);
+        let columns_b = comptime!(kinds.background_width);
 
         let mut object_row = ray.object;
         let mut background_row = ray.background;
@@ -93,7 +95,7 @@ pub(super) fn backward_kernel(
             }
             if has_f {
                 let at = object_row * columns_f;
-                let f = object_opacity(object, at, &of_object, dt, kinds.object);
+                let f = object_opacity(object, at, &of_object, dt, kinds);
                 joint *= f.survival;
                 alone_f *= f.survival;
                 object_row += 1;
@@ -112,6 +114,8 @@ pub(super) fn backward_kernel(
         let at_object = pixel + comptime!(column::OBJECT_COLOUR);
         let at_background = pixel + comptime!(column::BACKGROUND_COLOUR);
         let g_log = grad[pixel + comptime!(column::OBJECT_LOG_TRANSMITTANCE)];
+        let g_mark0 = grad[pixel + comptime!(column::MARKS)];
+        let g_mark1 = grad[pixel + comptime!(column::MARKS + 1)];
         let g_matte = grad[pixel + comptime!(column::MATTE)];
         let g_joint_depth = grad[pixel + comptime!(column::JOINT_DEPTH)];
         let g_object_depth = grad[pixel + comptime!(column::OBJECT_DEPTH)];
@@ -143,15 +147,29 @@ pub(super) fn backward_kernel(
             // Loss per unit of the weights: w_F, w_B, and of each field alone.
             let mut per_f = 0.0f32;
             let mut per_f_alone = 0.0f32;
+            let mut per_head = 0.0f32;
+            let mut per_head_alone = 0.0f32;
+            let mut head = 1.0f32;
             let mut per_b = 0.0f32;
             let mut per_b_alone = 0.0f32;
             if has_f {
                 object_row -= 1;
                 let at = object_row * columns_f;
                 let colour = at + comptime!(object_column::COLOUR);
-                f = object_opacity(object, at, &of_object, dt, kinds.object);
-                per_f = g_depth + g_matte + dot3(grad, at_joint, object, colour);
-                per_f_alone = g_object_depth * t + dot3(grad, at_object, object, colour);
+                f = object_opacity(object, at, &of_object, dt, kinds);
+                per_head = dot3(grad, at_joint, object, colour);
+                per_head_alone = dot3(grad, at_object, object, colour);
+                if comptime!(kinds.matte == MatteRole::Colour) {
+                    per_head += grad[pixel + comptime!(column::HEAD)];
+                    per_head_alone += grad[pixel + comptime!(column::HEAD_ALONE)];
+                }
+                let value = object[at + comptime!(object_column::MATTE)];
+                head = factor_of_colour(value, kinds.matte);
+                per_f = g_depth + g_matte + head * per_head;
+                per_f_alone = g_object_depth * t + head * per_head_alone;
+                if comptime!(kinds.marked) {
+                    per_f += g_mark0 * marks[2 * object_row] + g_mark1 * marks[2 * object_row + 1];
+                }
             }
             if has_b {
                 background_row -= 1;
@@ -160,6 +178,10 @@ pub(super) fn backward_kernel(
                 b = background_opacity(background, at, &of_background, dt, kinds.background);
                 per_b = g_depth + dot3(grad, at_joint, background, colour);
                 per_b_alone = dot3(grad, at_background, background, colour);
+                if comptime!(kinds.marked) {
+                    let row = starts.objects as usize + background_row;
+                    per_b += g_mark0 * marks[2 * row] + g_mark1 * marks[2 * row + 1];
+                }
             }
             let w_f = joint * f.alpha * (1.0f32 - 0.5f32 * b.alpha);
             let w_b = joint * b.alpha * (1.0f32 - 0.5f32 * f.alpha);
@@ -185,13 +207,19 @@ pub(super) fn backward_kernel(
                 sharpness_f += back.sharpness;
                 for c in 0..3usize {
                     d_object[at + comptime!(object_column::COLOUR) + c] =
-                        w_f * grad[at_joint + c] + single_f * grad[at_object + c];
+                        head * (w_f * grad[at_joint + c] + single_f * grad[at_object + c]);
                 }
-                // What lies behind is proportional to the survival, so its quotient is bounded.
-                d_object[at + comptime!(object_column::MATTE)] = f.bare_alpha
-                    * (here
-                        - behind / max(f.survival, comptime!(TINY))
-                        - g_log / max(f.survival, comptime!(LEAST_SURVIVAL)));
+                if comptime!(kinds.matte == MatteRole::Colour) {
+                    d_object[at + comptime!(object_column::MATTE)] =
+                        w_f * per_head + single_f * per_head_alone;
+                }
+                if comptime!(kinds.matte == MatteRole::Opacity) {
+                    // What lies behind is proportional to the survival, so its quotient is bounded.
+                    d_object[at + comptime!(object_column::MATTE)] = f.bare_alpha
+                        * (here
+                            - behind / max(f.survival, comptime!(TINY))
+                            - g_log / max(f.survival, comptime!(LEAST_SURVIVAL)));
+                }
             }
             if has_b {
                 let at = background_row * columns_b;

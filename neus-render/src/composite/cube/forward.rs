@@ -3,8 +3,8 @@
 use gpu_tensors::cubecl;
 
 use super::opacity::{log_survival, nothing, opacity};
-use super::{Kinds, Starts, parameters, ray_at};
-use crate::composite::{background_column, column, object_column};
+use super::{Kinds, Starts, factor_of_colour, factor_of_opacity, parameters, ray_at};
+use crate::composite::{MatteRole, background_column, column, object_column};
 use cubecl::prelude::*;
 
 /// One thread per ray; writes all columns of its pixel.
@@ -15,6 +15,7 @@ pub(super) fn forward_kernel(
     sharpness: &[f32],
     index: &[u32],
     times: &[f32],
+    marks: &[f32],
     out: &mut [f32],
     starts: Starts,
     cos_anneal: f32,
@@ -35,6 +36,10 @@ pub(super) fn forward_kernel(
         let mut matte = 0.0f32;
         let mut joint_depth = 0.0f32;
         let mut object_depth = 0.0f32;
+        let mut mark0 = 0.0f32;
+        let mut mark1 = 0.0f32;
+        let mut held = 0.0f32;
+        let mut held_alone = 0.0f32;
         let mut joint_colour = Array::<f32>::new(3usize);
         let mut object_colour = Array::<f32>::new(3usize);
         let mut background_colour = Array::<f32>::new(3usize);
@@ -51,13 +56,14 @@ pub(super) fn forward_kernel(
             if background_row < ray.background_end {
                 has_b = index[ray.background_index + background_row] as usize == interval;
             }
-            let at_f = object_row * comptime!(object_column::COUNT);
-            let at_b = background_row * comptime!(background_column::COUNT);
+            let at_f = object_row * comptime!(kinds.object_width);
+            let at_b = background_row * comptime!(kinds.background_width);
             if has_f {
                 let sdf = object[at_f + comptime!(object_column::SDF)];
                 let slope = object[at_f + comptime!(object_column::SLOPE)];
                 let log = log_survival(&of_object, sdf, slope, dt, kinds.object);
-                f = opacity(log, object[at_f + comptime!(object_column::MATTE)]);
+                let value = object[at_f + comptime!(object_column::MATTE)];
+                f = opacity(log, factor_of_opacity(value, kinds.matte));
             }
             if has_b {
                 let sdf = background[at_b + comptime!(background_column::SDF)];
@@ -69,10 +75,20 @@ pub(super) fn forward_kernel(
             let w_b = joint * b.alpha * (1.0f32 - 0.5f32 * f.alpha);
             if has_f {
                 let weight = alone_f * f.alpha;
+                let value = object[at_f + comptime!(object_column::MATTE)];
+                let head = factor_of_colour(value, kinds.matte);
                 for c in 0..3usize {
                     let colour = object[at_f + comptime!(object_column::COLOUR) + c];
-                    joint_colour[c] += w_f * colour;
-                    object_colour[c] += weight * colour;
+                    joint_colour[c] += w_f * head * colour;
+                    object_colour[c] += weight * head * colour;
+                }
+                if comptime!(kinds.matte == MatteRole::Colour) {
+                    held += w_f * head;
+                    held_alone += weight * head;
+                }
+                if comptime!(kinds.marked) {
+                    mark0 += w_f * marks[2 * object_row];
+                    mark1 += w_f * marks[2 * object_row + 1];
                 }
                 matte += w_f;
                 object_depth += weight * t;
@@ -84,6 +100,11 @@ pub(super) fn forward_kernel(
                     let colour = background[at_b + comptime!(background_column::COLOUR) + c];
                     joint_colour[c] += w_b * colour;
                     background_colour[c] += weight * colour;
+                }
+                if comptime!(kinds.marked) {
+                    let row = starts.objects as usize + background_row;
+                    mark0 += w_b * marks[2 * row];
+                    mark1 += w_b * marks[2 * row + 1];
                 }
                 background_row += 1;
             }
@@ -106,5 +127,9 @@ pub(super) fn forward_kernel(
         out[at + comptime!(column::JOINT_DEPTH)] = joint_depth;
         out[at + comptime!(column::OBJECT_DEPTH)] = object_depth;
         out[at + comptime!(column::JOINT_OPACITY)] = 1.0f32 - joint;
+        out[at + comptime!(column::MARKS)] = mark0;
+        out[at + comptime!(column::MARKS + 1)] = mark1;
+        out[at + comptime!(column::HEAD)] = held;
+        out[at + comptime!(column::HEAD_ALONE)] = held_alone;
     }
 }

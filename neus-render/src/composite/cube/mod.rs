@@ -7,12 +7,14 @@ mod opacity;
 use std::sync::Arc;
 
 use burn::backend::{Cube, tensor::FloatTensor};
-use gpu_tensors::{CubeTensor, buffer, column_sums, contiguous, cubecl, fresh, units_for, upload};
+use gpu_tensors::{
+    CubeTensor, buffer, column_sums, contiguous, cubecl, fresh, units_for, upload, zeros,
+};
 
 use super::{
-    CompositeConfig, CompositeOps, Packing, Transparency,
+    CompositeConfig, CompositeOps, MatteRole, Packing, Transparency,
     autodiff::{CompositeBackwardOps, CompositeGradients},
-    background_column, column, object_column,
+    column,
 };
 use cubecl::prelude::*;
 use opacity::{Kind, Parameters};
@@ -34,7 +36,7 @@ impl CompositeOps for Cube {
         }
         let client = &out.client;
         let (count, dim) = units_for(client, packing.ray_count());
-        let batch = Batch::new(&packing, config);
+        let batch = Batch::new(&packing, config, [&object, &background]);
         // SAFETY: threads beyond the rays return at once, and a packing is checked when made.
         unsafe {
             forward::forward_kernel::launch_unchecked(
@@ -46,6 +48,7 @@ impl CompositeOps for Cube {
                 buffer(&contiguous(sharpness)),
                 upload(client, &batch.index),
                 upload(client, &batch.times),
+                upload(client, &batch.marks),
                 buffer(&out),
                 batch.starts(),
                 config.cos_anneal,
@@ -66,17 +69,20 @@ impl CompositeBackwardOps for Cube {
     ) -> CompositeGradients<Self> {
         let [object, background, sharpness] = inputs;
         let rays = packing.ray_count();
-        let d_object = fresh(&sharpness, [packing.object().len(), object_column::COUNT]);
-        let d_background = fresh(
+        let batch = Batch::new(&packing, config, [&object, &background]);
+        let d_object = zeros(
             &sharpness,
-            [packing.background().len(), background_column::COUNT],
+            [packing.object().len(), batch.kinds.object_width],
+        );
+        let d_background = zeros(
+            &sharpness,
+            [packing.background().len(), batch.kinds.background_width],
         );
         let d_sharpness = fresh(&sharpness, [rays, 2]);
         let kept = fresh(&sharpness, [packing.interval_count().max(1), KEPT]);
         if rays > 0 {
             let client = &kept.client;
             let (count, dim) = units_for(client, rays);
-            let batch = Batch::new(&packing, config);
             // SAFETY: as in the forward pass.
             unsafe {
                 backward::backward_kernel::launch_unchecked(
@@ -88,6 +94,7 @@ impl CompositeBackwardOps for Cube {
                     buffer(&contiguous(sharpness)),
                     upload(client, &batch.index),
                     upload(client, &batch.times),
+                    upload(client, &batch.marks),
                     buffer(&contiguous(grad)),
                     buffer(&kept),
                     rows(d_object.clone()),
@@ -122,6 +129,10 @@ fn rows(tensor: CubeTensor) -> BufferArg {
 struct Kinds {
     object: Kind,
     background: Kind,
+    object_width: usize,
+    background_width: usize,
+    matte: MatteRole,
+    marked: bool,
 }
 
 /// A packing as the kernels read it.
@@ -130,13 +141,23 @@ struct Batch {
     index: Vec<u32>,
     /// Midpoint and length of each interval.
     times: Vec<f32>,
+    /// The object's marks, then the background's; one zero where there are none.
+    marks: Vec<f32>,
     rays: u32,
     objects: u32,
     kinds: Kinds,
 }
 
 impl Batch {
-    fn new(packing: &Packing, config: CompositeConfig) -> Self {
+    fn new(packing: &Packing, config: CompositeConfig, rows: [&CubeTensor; 2]) -> Self {
+        let [object_width, background_width] = rows.map(|rows| rows.meta.shape()[1]);
+        let marks = match packing.marks() {
+            Some(marks) if !packing.t().is_empty() => {
+                let all = marks.object.iter().chain(&marks.background);
+                all.flatten().copied().collect()
+            }
+            _ => vec![0.0],
+        };
         let kind = |transparency| Kind {
             density: transparency == Transparency::Density,
             epsilon: config.epsilon != 0.0,
@@ -156,11 +177,16 @@ impl Batch {
                 .zip(packing.dt())
                 .flat_map(|(t, dt)| [*t, *dt])
                 .collect(),
+            marks,
             rays: packing.ray_count() as u32,
             objects: packing.object().len() as u32,
             kinds: Kinds {
                 object: kind(config.object),
                 background: kind(config.background),
+                object_width,
+                background_width,
+                matte: config.matte,
+                marked: packing.marks().is_some(),
             },
         }
     }
@@ -203,6 +229,26 @@ fn ray_at(index: &[u32], starts: &Starts, ray: usize) -> Ray {
         background_end: index[2 * offsets + ray + 1] as usize,
         object_index: 3 * offsets,
         background_index: 3 * offsets + starts.objects as usize,
+    }
+}
+
+/// The object's matte value as a factor of its opacity.
+#[cube]
+fn factor_of_opacity(value: f32, #[comptime] matte: MatteRole) -> f32 {
+    if comptime!(matte == MatteRole::Opacity) {
+        value
+    } else {
+        1.0f32.runtime()
+    }
+}
+
+/// The object's matte value as a factor of its colour.
+#[cube]
+fn factor_of_colour(value: f32, #[comptime] matte: MatteRole) -> f32 {
+    if comptime!(matte == MatteRole::Colour) {
+        value
+    } else {
+        1.0f32.runtime()
     }
 }
 
