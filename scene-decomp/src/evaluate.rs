@@ -90,6 +90,17 @@ impl FrozenSurface {
         }
     }
 
+    /// The same field without its features: rows of [`FrozenSurface::geometry`] are `(sdf, normal)`.
+    ///
+    /// Whoever asks for no colours saves most of the output layer, and the memory of its values.
+    #[must_use]
+    pub fn without_features(mut self) -> Self {
+        let [_, hidden] = self.sdf.w2.dims();
+        self.sdf.w2 = self.sdf.w2.slice([0..1, 0..hidden]);
+        self.sdf.b2 = self.sdf.b2.slice([0..1]);
+        self
+    }
+
     /// Signed distance, feature and normal of `points: [n, 3]`.
     #[must_use]
     pub fn geometry(&self, points: &[f32]) -> Geometry {
@@ -136,6 +147,9 @@ impl FrozenSurface {
     /// Colours `[n, C]` of points with the geometry that [`FrozenSurface::geometry`] returned.
     ///
     /// `directions` is `[n, 3]`, `extra` `[n, E]`.
+    ///
+    /// # Panics
+    /// When the surface is one [`without_features`](FrozenSurface::without_features).
     #[must_use]
     pub fn colour(
         &self,

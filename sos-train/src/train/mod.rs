@@ -161,7 +161,7 @@ impl Trainer {
         self.clock.lap(Phase::Grids);
         let batch = self.sampler.draw(data, self.step, self.rays as usize);
         self.clock.lap(Phase::Draw);
-        let fields = self.freeze_fields(schedule);
+        let fields = self.freeze_fields(schedule).without_features();
         let (grids, partition) = space(&config, self.step, &self.grids, &self.map);
         let gathered = gather::gather(
             &batch,
@@ -392,14 +392,18 @@ impl Trainer {
         }
         let round = self.step / config.sampling.occupancy_every.max(1);
         let [b_object, b_background] = self.sharpness();
-        let object = self.freeze_object(schedule.active_levels);
+        let object = self
+            .freeze_object(schedule.active_levels)
+            .without_features();
         let rule = GridRule {
             transparency: Transparency::Sdf,
             sharpness: b_object,
         };
         self.grids.update_object(&object, rule, config.seed, round);
         drop(object);
-        let background = self.freeze_background(schedule.background_levels);
+        let background = self
+            .freeze_background(schedule.background_levels)
+            .without_features();
         let rule = GridRule {
             transparency: config.model.background,
             sharpness: b_background,

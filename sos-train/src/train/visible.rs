@@ -41,6 +41,16 @@ pub struct Look {
 }
 
 impl FrozenFields {
+    /// The same for looking alone: [`FrozenSurface::without_features`].
+    #[must_use]
+    pub fn without_features(self) -> Self {
+        Self {
+            object: self.object.without_features(),
+            background: self.background.without_features(),
+            ..self
+        }
+    }
+
     /// Looks at the geometry of all samples that light reaches: through both fields, or through the
     /// background by itself on the rays where that is asked for `alone`. The others are as if they
     /// were nothing that nobody sees.
