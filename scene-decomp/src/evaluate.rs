@@ -95,9 +95,8 @@ impl FrozenSurface {
     /// Whoever asks for no colours saves most of the output layer, and the memory of its values.
     #[must_use]
     pub fn without_features(mut self) -> Self {
-        let [_, hidden] = self.sdf.w2.dims();
-        self.sdf.w2 = self.sdf.w2.slice([0..1, 0..hidden]);
-        self.sdf.b2 = self.sdf.b2.slice([0..1]);
+        self.sdf.w2 = self.sdf.w2.narrow(0, 0, 1);
+        self.sdf.b2 = self.sdf.b2.narrow(0, 0, 1);
         self
     }
 

@@ -17,6 +17,7 @@
 #![allow(deprecated)]
 
 mod adapters;
+mod around;
 mod autodiff;
 mod cpu;
 #[cfg(feature = "cube")]
