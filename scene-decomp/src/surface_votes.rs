@@ -124,33 +124,53 @@ fn spread(values: &[f32], n: usize, radius: usize) -> Vec<f32> {
 }
 
 /// Means over windows along one axis; outside the cube counts as zero.
+///
+/// A window's sum is the one before, plus the value that enters and less the one that leaves: the
+/// time does not depend on the radius. In f64, so that what has left leaves nothing behind.
 fn window_means(values: &[f32], n: usize, axis: usize, radius: usize) -> Vec<f32> {
     let mut out = vec![0.0; values.len()];
-    let share = 1.0 / (2 * radius + 1) as f32;
-    // Whole rows along x are added at once, also for the other axes.
-    out.par_chunks_mut(n).enumerate().for_each(|(row, out)| {
-        let (y, z) = (row % n, row / n);
-        let source = |y: usize, z: usize| &values[(z * n + y) * n..][..n];
-        match axis {
-            0 => {
-                let row = source(y, z);
-                for (x, out) in out.iter_mut().enumerate() {
-                    let window = x.saturating_sub(radius)..(x + radius + 1).min(n);
-                    *out = share * row[window].iter().sum::<f32>();
-                }
+    let share = 1.0 / (2 * radius + 1) as f64;
+    let row = |y: usize, z: usize| &values[(z * n + y) * n..][..n];
+    if axis == 0 {
+        out.par_chunks_mut(n).enumerate().for_each(|(i, out)| {
+            let row = row(i % n, i / n);
+            let mut sum: f64 = row[..radius.min(n)].iter().map(|v| f64::from(*v)).sum();
+            for (x, out) in out.iter_mut().enumerate() {
+                sum += row.get(x + radius).map_or(0.0, |v| f64::from(*v));
+                *out = (share * sum) as f32;
+                sum -= x.checked_sub(radius).map_or(0.0, |x| f64::from(row[x]));
             }
-            _ => {
-                let at = if axis == 1 { y } else { z };
-                for other in at.saturating_sub(radius)..(at + radius + 1).min(n) {
-                    let row = if axis == 1 {
-                        source(other, z)
-                    } else {
-                        source(y, other)
-                    };
-                    for (out, value) in out.iter_mut().zip(row) {
-                        *out += share * value;
-                    }
-                }
+        });
+        return out;
+    }
+    // Rows along x, as the lists that windows along y or z run through.
+    let mut lists: Vec<Vec<&mut [f32]>> = (0..n).map(|_| Vec::with_capacity(n)).collect();
+    for (i, row) in out.chunks_mut(n).enumerate() {
+        lists[if axis == 1 { i / n } else { i % n }].push(row);
+    }
+    lists.into_par_iter().enumerate().for_each(|(other, list)| {
+        let source = |at: usize| match axis {
+            1 => row(at, other),
+            _ => row(other, at),
+        };
+        let mut sums = vec![0.0f64; n];
+        let add = |sums: &mut [f64], at: usize, sign: f64| {
+            for (sum, value) in sums.iter_mut().zip(source(at)) {
+                *sum += sign * f64::from(*value);
+            }
+        };
+        for at in 0..radius.min(n) {
+            add(&mut sums, at, 1.0);
+        }
+        for (at, out) in list.into_iter().enumerate() {
+            if at + radius < n {
+                add(&mut sums, at + radius, 1.0);
+            }
+            for (out, sum) in out.iter_mut().zip(&sums) {
+                *out = (share * sum) as f32;
+            }
+            if at >= radius {
+                add(&mut sums, at - radius, -1.0);
             }
         }
     });

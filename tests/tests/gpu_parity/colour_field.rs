@@ -1,15 +1,52 @@
 //! `colour_field`, with further inputs and without.
 
 use burn::tensor::Device;
-use scene_decomp::colour_field::{ColourFieldInputs, ColourFieldWeights, colour_field, reference};
+use scene_decomp::colour_field::{
+    ColourFieldInputs, ColourFieldWeights, Reading, RowConfig, colour_field, reference, sample_rows,
+};
 
 use crate::support::{GRADIENT, Random, VALUE, assert_close, gpu, numbers, oracle, tensor};
 
 const HIDDEN: usize = 64;
 const COLUMNS: usize = 19;
 
+/// How many points and columns there are, and what is asked for.
+#[derive(Clone, Copy, Debug)]
+struct Case {
+    n: usize,
+    extra: usize,
+    outputs: usize,
+    /// Rows for compositing, with stretched densities or without; colours where none.
+    rows: Option<(RowConfig, usize)>,
+}
+
+impl Case {
+    fn colours(n: usize, extra: usize, outputs: usize) -> Self {
+        Self {
+            n,
+            extra,
+            outputs,
+            rows: None,
+        }
+    }
+
+    fn rows(self, reading: Reading, view_share: f32, stretch: usize) -> Self {
+        let config = RowConfig {
+            reading,
+            view_share,
+        };
+        Self {
+            rows: Some((config, stretch)),
+            ..self
+        }
+    }
+}
+
 /// The value, then the gradients of geometry, w1, b1, w2, b2, w3 and b3.
-fn run(device: &Device, n: usize, extra: usize, outputs: usize, kernel: bool) -> Vec<Vec<f64>> {
+fn run(device: &Device, case: Case, kernel: bool) -> Vec<Vec<f64>> {
+    let Case {
+        n, extra, outputs, ..
+    } = case;
     let device = &device.clone().autodiff();
     let mut random = Random(31);
     let mut scaled = |count: usize, scale: f32| -> Vec<f32> {
@@ -34,7 +71,7 @@ fn run(device: &Device, n: usize, extra: usize, outputs: usize, kernel: bool) ->
         directions: matrix(3),
         extra: matrix(extra),
     };
-    let upstream = matrix(outputs);
+    let upstream = matrix(outputs + if case.rows.is_some() { 3 } else { 0 });
     let weights = ColourFieldWeights {
         w1: w1.clone(),
         b1: b1.clone(),
@@ -43,10 +80,17 @@ fn run(device: &Device, n: usize, extra: usize, outputs: usize, kernel: bool) ->
         w3: w3.clone(),
         b3: b3.clone(),
     };
-    let out = if kernel {
-        colour_field(at, weights)
-    } else {
-        reference::colour_field(at, weights)
+    let out = match case.rows {
+        None if kernel => colour_field(at, weights),
+        None => reference::colour_field(at, weights),
+        Some((config, columns)) => {
+            let stretch = matrix(columns).abs();
+            if kernel {
+                sample_rows(at, stretch, weights, config)
+            } else {
+                reference::sample_rows(at, stretch, weights, config)
+            }
+        }
     };
     let grads = out.clone().mul(upstream).sum().backward();
     vec![
@@ -68,12 +112,19 @@ fn values_and_gradients_are_the_references() {
     let Some(gpu) = gpu() else {
         return;
     };
-    for (n, extra, outputs) in [(1, 1, 3), (65, 0, 4), (1000, 1, 3)] {
-        let found = run(&gpu, n, extra, outputs, true);
-        let expected = run(&oracle(), n, extra, outputs, false);
+    for case in [
+        Case::colours(1, 1, 3),
+        Case::colours(65, 0, 4),
+        Case::colours(1000, 1, 3),
+        Case::colours(65, 0, 4).rows(Reading::Distance, 0.25, 0),
+        Case::colours(300, 1, 3).rows(Reading::Density, 1.0, 1),
+        Case::colours(1, 1, 3).rows(Reading::Density, 0.0, 0),
+    ] {
+        let found = run(&gpu, case, true);
+        let expected = run(&oracle(), case, false);
         for ((name, found), expected) in NAMES.iter().zip(&found).zip(&expected) {
             let tolerance = if *name == "value" { VALUE } else { GRADIENT };
-            let what = format!("{name}, {n} points, {extra} further inputs");
+            let what = format!("{name}, {case:?}");
             assert_close(&what, found, expected, tolerance);
         }
     }
@@ -84,7 +135,7 @@ fn no_points_give_no_rows_and_zero_gradients() {
     let Some(gpu) = gpu() else {
         return;
     };
-    let found = run(&gpu, 0, 1, 3, true);
+    let found = run(&gpu, Case::colours(0, 1, 3), true);
     assert!(found[0].is_empty() && found[1].is_empty());
     for gradient in &found[2..] {
         assert!(!gradient.is_empty() && gradient.iter().all(|value| *value == 0.0));

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use burn::tensor::Device;
 use neus_render::composite::{
-    CompositeConfig, Packing, Transparency, background_column, column, composite,
+    CompositeConfig, Marks, MatteRole, Packing, Transparency, background_column, column, composite,
     composite_reference, object_column,
 };
 
@@ -51,29 +51,35 @@ fn scene(rays: usize) -> Scene {
         }
         offsets.push(t.len() as u32);
     }
+    let mut marks = |count: usize| (0..count).map(|_| [unit() - 0.3, unit()]).collect();
+    let marks = Marks {
+        object: marks(of_object.len()),
+        background: marks(of_background.len()),
+    };
     Scene {
-        packing: Packing::new(offsets, t, dt, of_object, of_background),
+        packing: Packing::new(offsets, t, dt, of_object, of_background).with_marks(marks),
         object,
         background,
     }
+}
+
+/// Rows with a further column, which nobody reads.
+fn widened(rows: &[f32], columns: usize) -> Vec<f32> {
+    let rows = rows.chunks_exact(columns);
+    rows.flat_map(|row| row.iter().copied().chain([3.0]))
+        .collect()
 }
 
 /// Pixels, then the gradients of object, background and sharpness.
 fn run(scene: &Scene, config: CompositeConfig, device: &Device, kernel: bool) -> Vec<Vec<f64>> {
     let device = &device.clone().autodiff();
     let shape = |values: &[f32], columns: usize| [values.len() / columns, columns];
-    let object = tensor(
-        &scene.object,
-        shape(&scene.object, object_column::COUNT),
-        device,
-    )
-    .require_grad();
-    let background = tensor(
-        &scene.background,
-        shape(&scene.background, background_column::COUNT),
-        device,
-    )
-    .require_grad();
+    let leaf = |rows: &[f32], columns: usize| {
+        let rows = widened(rows, columns);
+        tensor(&rows, shape(&rows, columns + 1), device).require_grad()
+    };
+    let object = leaf(&scene.object, object_column::COUNT);
+    let background = leaf(&scene.background, background_column::COUNT);
     let sharpness = tensor(&[12.0, 9.0], [2], device).require_grad();
     let inputs = (object.clone(), background.clone(), sharpness.clone());
     let pixels = if kernel {
@@ -97,13 +103,21 @@ fn run(scene: &Scene, config: CompositeConfig, device: &Device, kernel: bool) ->
     ]
 }
 
-fn configs() -> [CompositeConfig; 4] {
+fn configs() -> [CompositeConfig; 6] {
     let base = CompositeConfig::default();
     [
         base,
         CompositeConfig {
             epsilon: 1e-3,
             cos_anneal: 0.3,
+            ..base
+        },
+        CompositeConfig {
+            matte: MatteRole::Unused,
+            ..base
+        },
+        CompositeConfig {
+            matte: MatteRole::Colour,
             ..base
         },
         CompositeConfig {
