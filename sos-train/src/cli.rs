@@ -1,11 +1,12 @@
 //! The program `sos`: what it is asked, what it answers, how it ends.
 //!
 //! Results go to standard output; notes, progress and errors to standard error. The exit code is 0,
-//! 2 for input that cannot be used (one sentence with the file and the remedy), 130 after Ctrl-C
-//! with a checkpoint saved, and 1 for a fault in here.
+//! 2 for input that cannot be used (one sentence with the file and the remedy), 3 where a check of
+//! `sos doctor` failed, 130 after Ctrl-C with a checkpoint saved, and 1 for a fault in here.
 
 mod args;
 mod capture;
+mod doctor;
 mod evaluate;
 mod export;
 mod hull;
@@ -14,8 +15,8 @@ mod input;
 mod train;
 
 pub use args::{
-    CaptureArgs, Command, CompareArgs, EvalArgs, ExportArgs, HullArgs, ImportArgs, ReportArgs, Sos,
-    TrainArgs,
+    CaptureArgs, Command, CompareArgs, DoctorArgs, EvalArgs, ExportArgs, HullArgs, ImportArgs,
+    ReportArgs, Sos, TrainArgs,
 };
 
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
@@ -60,6 +61,7 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Train(args) => train::train(args),
         Command::Import(args) => import::import(args).map(|()| EXIT_OK),
         Command::Capture(args) => capture::capture(args).map(|()| EXIT_OK),
+        Command::Doctor(args) => doctor::doctor(args),
         Command::Export(args) => export::export(args).map(|()| EXIT_OK),
         Command::Eval(args) => evaluate::eval(args).map(|()| EXIT_OK),
         Command::Compare(args) => evaluate::compare(args).map(|()| EXIT_OK),

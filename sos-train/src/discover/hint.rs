@@ -137,7 +137,7 @@ impl Hint {
     ///
     /// # Errors
     /// When cameras and points do not determine one.
-    pub(super) fn region(
+    pub(crate) fn region(
         &self,
         views: &[TrainView],
         points: &[SparsePoint],

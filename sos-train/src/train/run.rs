@@ -13,11 +13,12 @@ use super::Trainer;
 use super::sampler::Sampler;
 use crate::config::TrainConfig;
 use crate::discover::{Hint, find_object};
+use crate::doctor::admission::{Admission, admit};
 use crate::export::{LogRecord, TrainLog, write_found_mask, write_mesh, write_view};
-use crate::job::{TrainJob, TrainOutcome};
+use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::prepare::error::PrepareError;
 use crate::prepare::view::load_views;
-use crate::prepare::{Prepared, TrainView, prepare};
+use crate::prepare::{MaskConsensus, Prepared, TrainView, prepare, prepare_with};
 use crate::progress::{Progress, ProgressState};
 use crate::render::rays::FrozenScene;
 use crate::render::survey::Survey;
@@ -52,15 +53,20 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     {
         progress.note(note);
     }
-    let Some((views, found)) = masked_views(job, &progress)? else {
+    let Some(MaskedViews {
+        views,
+        consensus,
+        notes: found,
+    }) = masked_views(job, &progress)?
+    else {
         return Ok(TrainOutcome::NotBegun);
     };
-    let data = prepare(
-        views,
-        &job.scene.model.points,
-        &job.config.prepare,
-        job.config.loss.ignore_band,
-    )?;
+    let (points, sizes) = (&job.scene.model.points, &job.config.prepare);
+    let band = job.config.loss.ignore_band;
+    let data = match consensus {
+        Some(consensus) => prepare_with(views, Some(consensus), points, sizes, band)?,
+        None => prepare(views, points, sizes, band)?,
+    };
     for note in &data.notes {
         progress.note(note);
     }
@@ -120,18 +126,35 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     Ok(TrainOutcome::Finished)
 }
 
+/// Photos with the rough masks that a run begins with.
+struct MaskedViews {
+    views: Vec<TrainView>,
+    /// What the masks say together, where it is known already.
+    consensus: Option<MaskConsensus>,
+    /// What a user should know, a sentence each.
+    notes: Vec<String>,
+}
+
 /// The photos with rough masks: those given, or where that is one at most, those that the search for
-/// the object came up with, and what it has to say. `None` when it was interrupted.
-fn masked_views(
-    job: &TrainJob,
-    progress: &Progress,
-) -> Result<Option<(Vec<TrainView>, Vec<String>)>> {
+/// the object came up with. `None` when it was interrupted.
+fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedViews>> {
     let found = job.run.found_masks_dir();
     if job.resume && found.is_dir() {
         let masks = MaskSet::find(&found, &job.scene, Some(Polarity::WhiteIsObject))?;
-        return Ok(Some((load_views(&job.scene, Some(&masks))?, Vec::new())));
+        return Ok(Some(MaskedViews {
+            views: load_views(&job.scene, Some(&masks))?,
+            consensus: None,
+            notes: Vec::new(),
+        }));
     }
     let mut views = load_views(&job.scene, job.masks.as_ref())?;
+    let Admission {
+        warnings,
+        consensus,
+    } = match job.checks {
+        Checks::Make => admit(job, &views, progress)?,
+        Checks::Skip => Admission::default(),
+    };
     let with_mask: Vec<usize> = (0..views.len())
         .filter(|&i| views[i].mask.is_some())
         .collect();
@@ -141,7 +164,13 @@ fn masked_views(
             Some(mask) => Hint::Mask { view, mask },
             None => Hint::Nothing,
         },
-        _ => return Ok(Some((views, Vec::new()))),
+        _ => {
+            return Ok(Some(MaskedViews {
+                views,
+                consensus,
+                notes: warnings,
+            }));
+        }
     };
     let mut stage = None;
     let discovery = find_object(
@@ -168,7 +197,11 @@ fn masked_views(
         write_found_mask(&job.run, &view.name, &mask)?;
         view.mask = Some(mask);
     }
-    Ok(Some((views, discovery.notes)))
+    Ok(Some(MaskedViews {
+        views,
+        consensus: None,
+        notes: [warnings, discovery.notes].concat(),
+    }))
 }
 
 fn train(

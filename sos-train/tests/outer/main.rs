@@ -5,6 +5,7 @@
 mod capture;
 mod command_line;
 mod config;
+mod doctor;
 mod exports;
 mod fabricated;
 mod import;
