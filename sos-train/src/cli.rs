@@ -12,6 +12,7 @@ mod export;
 mod hull;
 mod import;
 mod input;
+mod manual;
 mod train;
 
 pub use args::{
@@ -71,6 +72,8 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
             answer(&crate::device::list());
             Ok(EXIT_OK)
         }
+        Command::Completions { shell } => manual::completions(*shell).map(|()| EXIT_OK),
+        Command::Man { out } => manual::pages(out.as_deref()).map(|()| EXIT_OK),
         Command::DemoScene { out } => input::write_demo(out).map(|()| EXIT_OK),
     }
 }

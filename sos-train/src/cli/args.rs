@@ -3,6 +3,7 @@
 use crate::config::{MaskPolarity, Preset};
 use crate::discover::hint::{Click, WorldBox};
 use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand};
+use clap_complete::Shell;
 use std::path::PathBuf;
 
 /// Commands first; the options fit into a line of their own.
@@ -14,7 +15,7 @@ Commands:
 {subcommands}{after-help}";
 
 const EXAMPLES: &str = "\
-Each explains itself with --help; --version tells the version.
+Each explains itself with --help; --version tells the version. For shells: completions, man.
 
 Examples:
   sos train                                  the built-in demo, into runs/demo
@@ -69,6 +70,20 @@ pub enum Command {
     DemoScene {
         /// Folder to create.
         out: PathBuf,
+    },
+    /// Print a script that completes commands and options in a shell.
+    #[command(hide = true)]
+    Completions {
+        /// The shell: bash, zsh, fish, elvish or powershell.
+        #[arg(value_name = "SHELL")]
+        shell: Shell,
+    },
+    /// Print the manual page, or write one for each command.
+    #[command(hide = true)]
+    Man {
+        /// Folder for the pages of all commands, such as /usr/local/share/man/man1.
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
     },
 }
 

@@ -10,5 +10,6 @@ mod exports;
 mod fabricated;
 mod import;
 mod interrupt;
+mod manual;
 mod report;
 mod run_folder;
