@@ -125,6 +125,9 @@ pub struct TrainArgs {
     /// Training steps in all [default: the preset's].
     #[arg(long, value_name = "N")]
     pub steps: Option<u32>,
+    /// Train on photos of 1/N of their width and height; results keep the photos' size [default: 1].
+    #[arg(long, value_name = "N")]
+    pub downscale: Option<u32>,
     /// Where to compute: auto, cpu, ndarray, flex or wgpu [default: auto].
     #[arg(long, value_name = "NAME")]
     pub device: Option<String>,

@@ -109,6 +109,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         return Ok(outcome);
     }
     let trained = started.elapsed().as_secs_f64() + earlier_seconds;
+    let data = at_full_size(data, job)?;
     if !export(job, &trainer, &data, &progress, &mut log)? {
         // The last checkpoint has everything: a resumed run goes straight to the pictures.
         let step = trainer.step_number();
@@ -142,7 +143,7 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
     if job.resume && found.is_dir() {
         let masks = MaskSet::find(&found, &job.scene, Some(Polarity::WhiteIsObject))?;
         return Ok(Some(MaskedViews {
-            views: load_views(&job.scene, Some(&masks))?,
+            views: downscaled(load_views(&job.scene, Some(&masks))?, job),
             consensus: None,
             notes: Vec::new(),
         }));
@@ -155,11 +156,12 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
         Checks::Make => admit(job, &views, progress)?,
         Checks::Skip => Admission::default(),
     };
+    views = downscaled(views, job);
     let with_mask: Vec<usize> = (0..views.len())
         .filter(|&i| views[i].mask.is_some())
         .collect();
     let hint = match with_mask.as_slice() {
-        [] => job.hint.clone(),
+        [] => job.hint.downscaled(job.config.prepare.downscale),
         &[view] => match views[view].mask.clone() {
             Some(mask) => Hint::Mask { view, mask },
             None => Hint::Nothing,
@@ -202,6 +204,30 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
         consensus: None,
         notes: [warnings, discovery.notes].concat(),
     }))
+}
+
+/// The views at the size that is trained on.
+fn downscaled(views: Vec<TrainView>, job: &TrainJob) -> Vec<TrainView> {
+    match job.config.prepare.downscale {
+        0 | 1 => views,
+        factor => views
+            .par_iter()
+            .map(|view| view.downscaled(factor))
+            .collect(),
+    }
+}
+
+/// The scene with its photos as they are, which the pictures are drawn from. Labels are of the size
+/// that was trained on, and no longer asked for.
+fn at_full_size(data: Prepared, job: &TrainJob) -> Result<Prepared, PrepareError> {
+    if job.config.prepare.downscale <= 1 {
+        return Ok(data);
+    }
+    Ok(Prepared {
+        views: load_views(&job.scene, None)?,
+        outlines: Vec::new(),
+        ..data
+    })
 }
 
 fn train(

@@ -6,6 +6,7 @@ mod capture;
 mod command_line;
 mod config;
 mod doctor;
+mod downscale;
 mod exports;
 mod fabricated;
 mod import;
