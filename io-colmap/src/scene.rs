@@ -21,6 +21,10 @@ const IMAGE_FOLDERS: [&str; 9] = [
     "../../images",
 ];
 
+/// What to do where a registered photo is missing.
+const REMEDY_FOR_MISSING: &str =
+    "put the photos into images/ under the names they were registered with";
+
 /// Two sizes count as the same picture if their aspect ratios differ by no more than this.
 const ASPECT_TOLERANCE: f64 = 0.01;
 
@@ -50,6 +54,30 @@ impl Scene {
     /// [`ColmapError`] where there is no model, it is damaged or without photos, a registered
     /// photo is missing or unreadable, or has another shape than its camera.
     pub fn open(dir: &Path) -> Result<Scene, ColmapError> {
+        let (scene, missing) = Self::open_present(dir)?;
+        let Some(first) = missing.first() else {
+            return Ok(scene);
+        };
+        Err(ColmapError::scene(
+            &scene.image_dir.join(first),
+            match missing.len() {
+                1 => "this registered photo is missing".to_owned(),
+                n => format!(
+                    "this registered photo is missing, as are {} more of the model's {}",
+                    n - 1,
+                    n + scene.model.views.len()
+                ),
+            },
+            REMEDY_FOR_MISSING,
+        ))
+    }
+
+    /// As [`Scene::open`], but views whose photo is missing are left out of the model; their names
+    /// come back beside it.
+    ///
+    /// # Errors
+    /// As [`Scene::open`], with a missing photo only where all are.
+    pub fn open_present(dir: &Path) -> Result<(Scene, Vec<String>), ColmapError> {
         if !dir.is_dir() {
             return Err(ColmapError::scene(
                 dir,
@@ -66,14 +94,27 @@ impl Scene {
                 "the reconstruction failed; take more photos with more overlap and run it again",
             ));
         }
-        let image_dir = find_images(dir, &model, &mut notes)?;
+        let (image_dir, missing) = find_images(dir, &model, &mut notes);
+        if missing.len() == model.views.len() {
+            let first = missing.first().map_or("", String::as_str);
+            return Err(ColmapError::scene(
+                &image_dir.join(first),
+                match missing.len() {
+                    1 => "this registered photo is missing".to_owned(),
+                    n => format!("this registered photo is missing, as are all {n} of the model"),
+                },
+                REMEDY_FOR_MISSING,
+            ));
+        }
+        model.views.retain(|view| !missing.contains(&view.name));
         fit_cameras(&mut model, &image_dir, &mut notes)?;
-        Ok(Scene {
+        let scene = Scene {
             root: dir.to_path_buf(),
             image_dir,
             model,
             notes,
-        })
+        };
+        Ok((scene, missing))
     }
 
     /// Where a view's photo lies.
@@ -202,8 +243,9 @@ fn shown(path: &Path, root: &Path) -> String {
     }
 }
 
-fn find_images(dir: &Path, model: &Model, notes: &mut Vec<String>) -> Result<PathBuf, ColmapError> {
-    let mut best: Option<(PathBuf, Vec<&str>)> = None;
+/// The folder that has the most of the model's photos, and the names of those it lacks.
+fn find_images(dir: &Path, model: &Model, notes: &mut Vec<String>) -> (PathBuf, Vec<String>) {
+    let mut best: Option<(PathBuf, &str, Vec<String>)> = None;
     for name in IMAGE_FOLDERS.iter().copied().chain([""]) {
         let folder = if name.is_empty() {
             dir.to_path_buf()
@@ -213,39 +255,27 @@ fn find_images(dir: &Path, model: &Model, notes: &mut Vec<String>) -> Result<Pat
         if !folder.is_dir() {
             continue;
         }
-        let missing: Vec<&str> = model
+        let missing: Vec<String> = model
             .views
             .iter()
-            .map(|view| view.name.as_str())
+            .map(|view| view.name.clone())
             .filter(|name| !folder.join(name).is_file())
             .collect();
-        if missing.is_empty() {
-            if name != "images" {
-                notes.push(format!("photos are taken from {}", folder.display()));
-            }
-            return Ok(folder);
-        }
         if best
             .as_ref()
-            .is_none_or(|(_, fewest)| missing.len() < fewest.len())
+            .is_none_or(|(_, _, fewest)| missing.len() < fewest.len())
         {
-            best = Some((folder, missing));
+            best = Some((folder, name, missing));
         }
     }
-    let (folder, missing) = best.unwrap_or_else(|| (dir.to_path_buf(), Vec::new()));
-    let first = missing.first().copied().unwrap_or_default();
-    Err(ColmapError::scene(
-        &folder.join(first),
-        match missing.len() {
-            0 | 1 => "this registered photo is missing".to_owned(),
-            n => format!(
-                "this registered photo is missing, as are {} more of the model's {}",
-                n - 1,
-                model.views.len()
-            ),
-        },
-        "put the photos into images/ under the names they were registered with",
-    ))
+    let Some((folder, name, missing)) = best else {
+        let all = model.views.iter().map(|view| view.name.clone()).collect();
+        return (dir.to_path_buf(), all);
+    };
+    if name != "images" && missing.len() < model.views.len() {
+        notes.push(format!("photos are taken from {}", folder.display()));
+    }
+    (folder, missing)
 }
 
 /// Brings every camera to the size of its photos, or says which photo cannot be its.

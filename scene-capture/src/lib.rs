@@ -54,6 +54,7 @@ pub use colmap::Colmap;
 pub use error::CaptureError;
 pub use frames::TakenFrames;
 pub use scene::{CaptureOptions, Captured, Existing, RECORD, Tools, capture};
+pub use sharpness::Grey;
 pub use source::{Source, detect};
 pub use video::{Ffmpeg, FrameOptions, VideoInfo};
 pub use watch::{Progress, Stage, Watch};

@@ -19,15 +19,16 @@ const MOVED: f32 = 3.0;
 
 /// A grey picture with values 0..255.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Grey {
+pub struct Grey {
     width: usize,
     height: usize,
     values: Vec<f32>,
 }
 
 impl Grey {
-    /// Of 8-bit RGB, averaged over blocks so that it is no larger than needed.
-    pub(crate) fn of_rgb(rgb: &[u8], width: usize, height: usize) -> Grey {
+    /// Of 8-bit RGB `[height, width, 3]`, averaged over blocks so that it is no larger than needed.
+    #[must_use]
+    pub fn of_rgb(rgb: &[u8], width: usize, height: usize) -> Grey {
         let luma = |pixel: &[u8]| {
             // Rec. 601, which is precise enough for this.
             0.299 * f32::from(pixel[0]) + 0.587 * f32::from(pixel[1]) + 0.114 * f32::from(pixel[2])
@@ -38,8 +39,9 @@ impl Grey {
         })
     }
 
-    /// Variance of the Laplacian.
-    pub(crate) fn sharpness(&self) -> f64 {
+    /// Variance of the Laplacian: the higher, the sharper.
+    #[must_use]
+    pub fn sharpness(&self) -> f64 {
         let (w, v) = (self.width, &self.values);
         let (mut count, mut sum, mut squares) = (0_u64, 0.0, 0.0);
         for y in 1..self.height.saturating_sub(1) {
@@ -56,6 +58,13 @@ impl Grey {
         }
         let mean = sum / count as f64;
         squares / count as f64 - mean * mean
+    }
+
+    /// Mean of the values; sharpness grows with its square.
+    #[must_use]
+    pub fn mean(&self) -> f64 {
+        let sum: f64 = self.values.iter().map(|v| f64::from(*v)).sum();
+        sum / self.values.len().max(1) as f64
     }
 
     pub(crate) fn thumbnail(&self) -> Grey {
@@ -124,7 +133,15 @@ mod tests {
         let [sharp, soft, blurred] = [2.0, 16.0, 64.0].map(sharpness);
         assert!(sharp > 1.5 * soft, "{sharp} {soft}");
         assert!(soft > 1.5 * blurred, "{soft} {blurred}");
-        assert_eq!(Grey::of_rgb(&[80; 300], 10, 10).sharpness(), 0.0);
+        let plain = Grey::of_rgb(&[80; 300], 10, 10);
+        assert_eq!((plain.sharpness(), plain.mean()), (0.0, 80.0));
+        // Half the light.
+        let bright = stripes(800, 200, 16.0, 0.0);
+        let dark: Vec<u8> = bright.iter().map(|v| v / 2).collect();
+        let [bright, dark] = [bright, dark].map(|rgb| Grey::of_rgb(&rgb, 800, 200));
+        let relative = |grey: &Grey| grey.sharpness() / grey.mean().powi(2);
+        assert!((relative(&dark) / relative(&bright) - 1.0).abs() < 0.1);
+        assert!(dark.sharpness() < 0.3 * bright.sharpness());
     }
 
     #[test]

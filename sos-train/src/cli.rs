@@ -1,21 +1,23 @@
 //! The program `sos`: what it is asked, what it answers, how it ends.
 //!
 //! Results go to standard output; notes, progress and errors to standard error. The exit code is 0,
-//! 2 for input that cannot be used (one sentence with the file and the remedy), 130 after Ctrl-C
-//! with a checkpoint saved, and 1 for a fault in here.
+//! 2 for input that cannot be used (one sentence with the file and the remedy), 3 where a check of
+//! `sos doctor` failed, 130 after Ctrl-C with a checkpoint saved, and 1 for a fault in here.
 
 mod args;
 mod capture;
+mod doctor;
 mod evaluate;
 mod export;
 mod hull;
 mod import;
 mod input;
+mod manual;
 mod train;
 
 pub use args::{
-    CaptureArgs, Command, CompareArgs, EvalArgs, ExportArgs, HullArgs, ImportArgs, ReportArgs, Sos,
-    TrainArgs,
+    CaptureArgs, Command, CompareArgs, DoctorArgs, EvalArgs, ExportArgs, HullArgs, ImportArgs,
+    ReportArgs, Sos, TrainArgs,
 };
 
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
@@ -60,6 +62,7 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Train(args) => train::train(args),
         Command::Import(args) => import::import(args).map(|()| EXIT_OK),
         Command::Capture(args) => capture::capture(args).map(|()| EXIT_OK),
+        Command::Doctor(args) => doctor::doctor(args),
         Command::Export(args) => export::export(args).map(|()| EXIT_OK),
         Command::Eval(args) => evaluate::eval(args).map(|()| EXIT_OK),
         Command::Compare(args) => evaluate::compare(args).map(|()| EXIT_OK),
@@ -69,6 +72,8 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
             answer(&crate::device::list());
             Ok(EXIT_OK)
         }
+        Command::Completions { shell } => manual::completions(*shell).map(|()| EXIT_OK),
+        Command::Man { out } => manual::pages(out.as_deref()).map(|()| EXIT_OK),
         Command::DemoScene { out } => input::write_demo(out).map(|()| EXIT_OK),
     }
 }

@@ -14,6 +14,8 @@ pub const EXIT_OK: u8 = 0;
 pub const EXIT_INTERNAL: u8 = 1;
 /// The input, the command line or the disk does not allow what was asked for.
 pub const EXIT_BAD_INPUT: u8 = 2;
+/// `sos doctor` found something that training cannot come to terms with.
+pub const EXIT_FAILED_CHECK: u8 = 3;
 /// Stopped by Ctrl-C.
 pub const EXIT_INTERRUPTED: u8 = 130;
 

@@ -9,11 +9,25 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+/// Whether a scene is checked before it is trained on.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Checks {
+    /// Those of [`crate::doctor`]: warnings are said, a failure stops the run.
+    #[default]
+    Make,
+    /// None.
+    Skip,
+}
+
 /// Everything one call of `train::run` needs.
 #[derive(Debug)]
 pub struct TrainJob {
     /// Checked with [`TrainConfig::validate`].
     pub config: TrainConfig,
+    /// The scene as the user named it: what was imported, if it was.
+    pub given: PathBuf,
+    /// Whether the scene is checked before anything is trained.
+    pub checks: Checks,
     /// The scene's folder.
     pub scene_dir: PathBuf,
     /// The folder of coarse masks, if there is one.

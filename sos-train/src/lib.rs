@@ -8,6 +8,7 @@
 //! | [`cli`] | what the user asks for, and how the program answers and ends |
 //! | [`config`] | all settings: presets, files, `--set` |
 //! | [`job`] | the seam: what training is given, what it comes back with |
+//! | [`doctor`] | what is wrong with a scene, and what training on it will take |
 //! | [`prepare`] | the object's box, what the masks agree on, a label per pixel |
 //! | [`train`] | the loop: batches, schedules, checkpoints |
 //! | [`render`] | final pictures and the mesh |
@@ -43,6 +44,7 @@ pub mod cli;
 pub mod config;
 pub mod device;
 pub mod discover;
+pub mod doctor;
 pub mod error;
 pub mod export;
 pub mod job;

@@ -14,7 +14,7 @@ use std::{
 use serde_json::Value;
 
 /// What each crate may depend on within the workspace: the arrows of ARCHITECTURE.md.
-const ALLOWED: [(&str, &[&str]); 16] = [
+const ALLOWED: [(&str, &[&str]); 17] = [
     ("tensor-slices", &[]),
     ("gpu-tensors", &[]),
     ("hashgrid", &["gpu-tensors", "tensor-slices"]),
@@ -27,6 +27,7 @@ const ALLOWED: [(&str, &[&str]); 16] = [
     ("io-colmap", &[]),
     ("scene-import", &["io-colmap"]),
     ("scene-capture", &["io-colmap", "scene-import"]),
+    ("scene-doctor", &["io-colmap", "scene-capture"]),
     ("scene-export", &["io-colmap"]),
     ("demo-scene", &[]),
     ("sos-eval", &[]),
@@ -41,6 +42,7 @@ const ALLOWED: [(&str, &[&str]); 16] = [
             "neus-render",
             "scene-capture",
             "scene-decomp",
+            "scene-doctor",
             "scene-export",
             "scene-import",
             "sos-eval",
@@ -88,10 +90,11 @@ const ALLOWED_IN_TESTS: [(&str, &[&str]); 3] = [
 ];
 
 /// Crates that are useful to people who do not use Burn, and quick to build without it.
-const WITHOUT_BURN: [&str; 7] = [
+const WITHOUT_BURN: [&str; 8] = [
     "io-colmap",
     "scene-import",
     "scene-capture",
+    "scene-doctor",
     "scene-export",
     "sos-eval",
     "demo-scene",

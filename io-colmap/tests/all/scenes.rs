@@ -78,6 +78,14 @@ fn missing_things_are_named() {
         error.contains("1 more of the model's 3; put the photos into images/"),
         "{error}"
     );
+    let (scene, missing) = Scene::open_present(dir.path()).unwrap();
+    assert_eq!(missing, ["b.png", "c.png"]);
+    assert_eq!(scene.model.views.len(), 1);
+    assert_eq!(scene.model.views[0].name, "a.png");
+    fs::remove_file(dir.path().join("images/a.png")).unwrap();
+    let error = Scene::open_present(dir.path()).unwrap_err().to_string();
+    assert!(error.contains("as are all 3 of the model"), "{error}");
+    write_photo(&dir.path().join("images/a.png"), 64, 48);
     fs::write(dir.path().join("images/b.png"), b"nonsense").unwrap();
     write_photo(&dir.path().join("images/c.png"), 64, 48);
     let error = open();

@@ -3,9 +3,20 @@
 use crate::config::{MaskPolarity, Preset};
 use crate::discover::hint::{Click, WorldBox};
 use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand};
+use clap_complete::Shell;
 use std::path::PathBuf;
 
+/// Commands first; the options fit into a line of their own.
+const TEMPLATE: &str = "\
+{about-with-newline}
+{usage-heading} {usage}
+
+Commands:
+{subcommands}{after-help}";
+
 const EXAMPLES: &str = "\
+Each explains itself with --help; --version tells the version. For shells: completions, man.
+
 Examples:
   sos train                                  the built-in demo, into runs/demo
   sos train photos/cat --masks photos/masks  photos with a COLMAP model and rough masks
@@ -16,6 +27,7 @@ Examples:
 #[command(
     name = "sos",
     version,
+    help_template = TEMPLATE,
     after_help = EXAMPLES,
     max_term_width = 120,
     disable_help_flag = true,
@@ -40,6 +52,8 @@ pub enum Command {
     Import(ImportArgs),
     /// Turn photos without poses, or a video, into a COLMAP scene, by running COLMAP.
     Capture(CaptureArgs),
+    /// Check a scene before training: coverage, parallax, blur, exposure, masks, expected cost.
+    Doctor(DoctorArgs),
     /// Turn a run's results into what other tools read: EXR layers, OBJ, GLB, COCO, masks.
     Export(ExportArgs),
     /// Score a run against ground truth and print a table.
@@ -56,6 +70,20 @@ pub enum Command {
     DemoScene {
         /// Folder to create.
         out: PathBuf,
+    },
+    /// Print a script that completes commands and options in a shell.
+    #[command(hide = true)]
+    Completions {
+        /// The shell: bash, zsh, fish, elvish or powershell.
+        #[arg(value_name = "SHELL")]
+        shell: Shell,
+    },
+    /// Print the manual page, or write one for each command.
+    #[command(hide = true)]
+    Man {
+        /// Folder for the pages of all commands, such as /usr/local/share/man/man1.
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
     },
 }
 
@@ -97,6 +125,9 @@ pub struct TrainArgs {
     /// Training steps in all [default: the preset's].
     #[arg(long, value_name = "N")]
     pub steps: Option<u32>,
+    /// Train on photos of 1/N of their width and height; results keep the photos' size [default: 1].
+    #[arg(long, value_name = "N")]
+    pub downscale: Option<u32>,
     /// Where to compute: auto, cpu, ndarray, flex or wgpu [default: auto].
     #[arg(long, value_name = "NAME")]
     pub device: Option<String>,
@@ -112,6 +143,9 @@ pub struct TrainArgs {
     /// Replace the run in RUN.
     #[arg(long)]
     pub force: bool,
+    /// Train even where a check of the scene fails (sos doctor shows them).
+    #[arg(long)]
+    pub skip_checks: bool,
     /// Print nothing but errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,
@@ -161,6 +195,37 @@ pub struct CaptureArgs {
     /// Replace a scene that was captured before.
     #[arg(long)]
     pub force: bool,
+}
+
+/// `sos doctor`.
+#[derive(Debug, Clone, Args)]
+pub struct DoctorArgs {
+    /// Folder of photos with camera poses of any tool.
+    pub scene: PathBuf,
+    /// Folder with a rough mask per photo, COCO JSON file, "alpha" or "none" [default: SCENE/masks if there].
+    #[arg(long, value_name = "PATH")]
+    pub masks: Option<PathBuf>,
+    /// The object's number in masks that hold several [default: plain masks].
+    #[arg(long, value_name = "N")]
+    pub label: Option<u32>,
+    /// Colour of the object in the masks: white or black [default: detected].
+    #[arg(long, value_enum, value_name = "COLOUR", hide_possible_values = true)]
+    pub polarity: Option<MaskPolarity>,
+    /// Without masks: a pixel of a photo that shows the object, VIEW:X,Y [default: what the cameras look at].
+    #[arg(long, value_name = "VIEW:X,Y", conflicts_with = "object_box")]
+    pub click: Option<Click>,
+    /// Without masks: a box around the object in the scene's frame, X0,Y0,Z0,X1,Y1,Z1.
+    #[arg(long = "box", value_name = "BOX", allow_hyphen_values = true)]
+    pub object_box: Option<WorldBox>,
+    /// Settings whose cost is estimated: quick, default or paper [default: default].
+    #[arg(long, value_enum, value_name = "NAME", hide_possible_values = true)]
+    pub preset: Option<Preset>,
+    /// Also write a page with the scene in 3D and the checks.
+    #[arg(long, value_name = "FILE.html")]
+    pub html: Option<PathBuf>,
+    /// Print one JSON object instead of a table.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `sos export`.

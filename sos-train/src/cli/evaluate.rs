@@ -2,7 +2,7 @@
 
 use super::{CompareArgs, EvalArgs, ReportArgs, answer};
 use crate::report::{ReportInputs, comparison_page, write_report};
-use crate::run_folder::{RunError, RunFolder};
+use crate::run_folder::{RunError, RunFolder, write_whole};
 use sos_eval::{Contender, Report, compare_contenders};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -54,15 +54,7 @@ pub(super) fn compare(args: &CompareArgs) -> anyhow::Result<()> {
     });
     if let Some(path) = &args.page {
         let page = comparison_page(&comparison, &contenders, &args.gt)?;
-        let folder = path.parent().filter(|dir| !dir.as_os_str().is_empty());
-        let written = tempfile::NamedTempFile::new_in(folder.unwrap_or(Path::new(".")))
-            .and_then(|mut file| file.write_all(page.as_bytes()).map(|()| file))
-            .and_then(|file| Ok(file.persist(path)?));
-        written.map_err(|source| RunError::Io {
-            action: "write",
-            path: path.clone(),
-            source,
-        })?;
+        write_whole(path, page.as_bytes())?;
     }
     Ok(())
 }

@@ -50,19 +50,18 @@ pub(super) struct Imported {
 }
 
 /// Whether the folder can be trained on as it is: a COLMAP model, and masks in a folder or none.
-pub(super) fn is_ready(scene: &Path, plan: &Plan) -> anyhow::Result<bool> {
-    let plain_masks = match &plan.masks {
+pub(super) fn is_ready(
+    scene: &Path,
+    masks: &MaskSource,
+    label: Option<u32>,
+) -> anyhow::Result<bool> {
+    let plain_masks = match masks {
         MaskSource::Look | MaskSource::None => true,
         MaskSource::Alpha => false,
         MaskSource::Path(path) => !path.is_file(),
     };
     let detected = detect(scene, None)?;
-    Ok(
-        detected.format == Format::Colmap
-            && !scene.is_file()
-            && plain_masks
-            && plan.label.is_none(),
-    )
+    Ok(detected.format == Format::Colmap && !scene.is_file() && plain_masks && label.is_none())
 }
 
 /// Imports a scene into the folder of a run, which is made once the poses are read.

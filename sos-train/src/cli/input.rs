@@ -77,6 +77,9 @@ impl Plan {
         if let Some(device) = &args.device {
             config.device.clone_from(device);
         }
+        if let Some(downscale) = args.downscale {
+            config.prepare.downscale = downscale;
+        }
         for assignment in &args.set {
             config.apply_override(assignment)?;
         }
@@ -254,4 +257,46 @@ pub(super) fn write_demo(out: &Path) -> anyhow::Result<()> {
         crate::progress::duration(begun.elapsed())
     ));
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::config::Preset;
+
+    #[test]
+    fn later_layers_win() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("mine.toml");
+        let text = "preset = \"quick\"\nsteps = 777\nseed = 5\n[loss]\nmask = 0.3\neikonal = 0.3\n";
+        fs::write(&file, text).unwrap();
+        let plan = |args: TrainArgs| Plan::new(&args).unwrap().config;
+
+        // Nothing said: the defaults; a preset in their place.
+        assert_eq!(plan(TrainArgs::default()), TrainConfig::default());
+        let preset = plan(TrainArgs {
+            preset: Some(Preset::Quick),
+            ..TrainArgs::default()
+        });
+        assert_eq!(preset, TrainConfig::preset(Preset::Quick));
+        assert_ne!(preset.model.levels, TrainConfig::default().model.levels);
+
+        let layered = plan(TrainArgs {
+            config: Some(file),
+            steps: Some(9),
+            downscale: Some(2),
+            set: vec![
+                "steps=10".into(),
+                "loss.eikonal=0.1".into(),
+                "loss.eikonal=0.2".into(),
+            ],
+            ..TrainArgs::default()
+        });
+        // The file over its preset, options over the file, --set over options, the last one over all.
+        assert_eq!(layered.model, preset.model);
+        assert_eq!((layered.seed, layered.loss.mask), (5, 0.3));
+        assert_eq!((layered.steps, layered.loss.eikonal), (10, 0.2));
+        assert_eq!(layered.prepare.downscale, 2);
+    }
 }

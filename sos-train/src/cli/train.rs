@@ -8,7 +8,7 @@ use crate::config::{MaskPolarity, RunRecord};
 use crate::discover::Hint;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK};
 use crate::export::check_names;
-use crate::job::{TrainJob, TrainOutcome};
+use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::progress::{AtInterrupt, Progress, watch_interrupt};
 use crate::report::{ReportInputs, write_report};
 use crate::run_folder::{Existing, RunError, RunFolder};
@@ -26,7 +26,7 @@ pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
         Source::Demo => Site::made_in(prepare_demo(args, &plan, &screen)?),
         Source::Folder(scene) => match source_without_poses(scene) {
             Some(photos) => Site::imported(capture_for_run(args, &plan, &photos, &screen)?),
-            None if is_ready(scene, &plan)? => Site::there(scene),
+            None if is_ready(scene, &plan.masks, plan.label)? => Site::there(scene),
             None => Site::imported(import_for_run(args, &plan, scene, &screen)?),
         },
     };
@@ -219,8 +219,19 @@ fn start(
         ));
         Arc::new(AtomicBool::new(false))
     });
+    let given = match plan.source {
+        Source::Folder(scene) => scene,
+        Source::Demo => ready.scene_dir.clone(),
+    };
     crate::train::run(&TrainJob {
         config: plan.config,
+        given,
+        // A run that goes on was let in once.
+        checks: if args.skip_checks || args.resume {
+            Checks::Skip
+        } else {
+            Checks::Make
+        },
         scene_dir: ready.scene_dir,
         masks_dir: ready.masks_dir,
         polarity: ready.polarity.map(Into::into),

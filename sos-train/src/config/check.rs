@@ -80,6 +80,7 @@ impl TrainConfig {
                 1,
                 100_000,
             ),
+            ("prepare.downscale", prepare.downscale, 1, 16),
             ("export.edge_rays", export.edge_rays, 1, 256),
             ("export.mesh_resolution", export.mesh_resolution, 16, 4096),
         ] {

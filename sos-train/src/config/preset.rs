@@ -103,6 +103,7 @@ fn default() -> TrainConfig {
             occupancy_every: 16,
         },
         prepare: PrepareConfig {
+            downscale: 1,
             hull_threshold: 0.25,
             object_threshold: 0.6,
             crop_threshold: 0.5,

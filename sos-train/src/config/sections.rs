@@ -198,6 +198,8 @@ pub struct SamplingConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PrepareConfig {
+    /// Photos are trained on at this part of their size each way; results are of their own size.
+    pub downscale: u32,
     /// Share of the views seeing a point whose masks must agree for it to lie in the hull.
     pub hull_threshold: f32,
     /// The same for a sparse point to count as the object's.

@@ -133,11 +133,25 @@ impl Click {
 }
 
 impl Hint {
+    /// The same for views at `1 / factor` of their width and height.
+    #[must_use]
+    pub fn downscaled(&self, factor: u32) -> Self {
+        let part = 1.0 / f64::from(factor.max(1));
+        match self {
+            Self::Click(click) => Self::Click(Click {
+                view: click.view.clone(),
+                x: part * click.x,
+                y: part * click.y,
+            }),
+            other => other.clone(),
+        }
+    }
+
     /// The region in which to look for the object.
     ///
     /// # Errors
     /// When cameras and points do not determine one.
-    pub(super) fn region(
+    pub(crate) fn region(
         &self,
         views: &[TrainView],
         points: &[SparsePoint],

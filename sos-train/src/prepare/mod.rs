@@ -42,6 +42,46 @@ pub struct Prepared {
     pub notes: Vec<String>,
 }
 
+/// What all masks together say, coarsely, but enough to see which of them contradict the others.
+#[derive(Debug)]
+pub struct MaskConsensus {
+    /// Where they agree that the object is.
+    pub frame: Frame,
+    /// For each view, at an eighth of its size, the share of masks that take it for the object.
+    pub silhouettes: Vec<GrayImage>,
+    /// How far each view's own mask is believed.
+    pub trust: ViewTrust,
+}
+
+impl MaskConsensus {
+    /// Of the views that have a mask.
+    ///
+    /// # Errors
+    /// When they do not determine a box.
+    pub fn of(views: &[TrainView], config: &PrepareConfig) -> Result<Self, PrepareError> {
+        const STRIDE: u32 = 8;
+        let frame = locate::box_from_masks(views, config)?;
+        let coarse = MAP_RESOLUTION / 2;
+        let votes = vote_grid(views, &frame, coarse, &ViewTrust::all(views));
+        let silhouettes = silhouettes(views, &frame, &ProbabilityMap::new(coarse, votes), STRIDE);
+        let trust = outline::trust_masks(views, &silhouettes, STRIDE, config.object_threshold);
+        Ok(Self {
+            frame,
+            silhouettes,
+            trust,
+        })
+    }
+
+    /// The names of the views whose masks are set aside.
+    fn doubted<'a>(&self, views: &'a [TrainView]) -> impl Iterator<Item = &'a str> {
+        views
+            .iter()
+            .zip(&self.trust.0)
+            .filter(|(view, trust)| view.mask.is_some() && **trust < 0.5)
+            .map(|(view, _)| view.name.as_str())
+    }
+}
+
 /// Finds the object's box, lets the masks vote on space, and labels every pixel. `points` are the
 /// model's sparse points.
 ///
@@ -53,29 +93,38 @@ pub fn prepare(
     config: &PrepareConfig,
     ignore_band: f32,
 ) -> Result<Prepared, PrepareError> {
+    let masked = views.iter().any(|view| view.mask.is_some());
+    let consensus = masked
+        .then(|| MaskConsensus::of(&views, config))
+        .transpose()?;
+    let doubted = consensus.iter().flat_map(|found| found.doubted(&views));
+    let doubted: Vec<&str> = doubted.collect();
+    let note = (!doubted.is_empty()).then(|| {
+        format!(
+            "{} masks contradict the others and are set aside: {}",
+            doubted.len(),
+            doubted.join(", ")
+        )
+    });
+    let mut data = prepare_with(views, consensus, points, config, ignore_band)?;
+    data.notes.splice(0..0, note);
+    Ok(data)
+}
+
+/// As [`prepare`], with what the views' masks say, which is known already; `None` where there are none.
+///
+/// # Errors
+/// When there are no masks, and cameras do not determine a box.
+pub fn prepare_with(
+    views: Vec<TrainView>,
+    consensus: Option<MaskConsensus>,
+    points: &[SparsePoint],
+    config: &PrepareConfig,
+    ignore_band: f32,
+) -> Result<Prepared, PrepareError> {
     let mut notes = Vec::new();
-    let masked = views.iter().filter(|v| v.mask.is_some()).count();
     let stride = 2;
-    let (frame, map, trust) = if masked > 0 {
-        let frame = locate::box_from_masks(&views, config)?;
-        // Coarsely first: that is enough to see which masks contradict the others.
-        let coarse = MAP_RESOLUTION / 2;
-        let votes = vote_grid(&views, &frame, coarse, &ViewTrust::all(&views));
-        let silhouettes = silhouettes(&views, &frame, &ProbabilityMap::new(coarse, votes), 8);
-        let trust = outline::trust_masks(&views, &silhouettes, 8, config.object_threshold);
-        let doubted: Vec<&str> = views
-            .iter()
-            .zip(&trust.0)
-            .filter(|(view, trust)| view.mask.is_some() && **trust < 0.5)
-            .map(|(view, _)| view.name.as_str())
-            .collect();
-        if !doubted.is_empty() {
-            notes.push(format!(
-                "{} masks contradict the others and are set aside: {}",
-                doubted.len(),
-                doubted.join(", ")
-            ));
-        }
+    let (frame, map, trust) = if let Some(MaskConsensus { frame, trust, .. }) = consensus {
         let votes = vote_grid(&views, &frame, MAP_RESOLUTION, &trust);
         (frame, ProbabilityMap::new(MAP_RESOLUTION, votes), trust)
     } else {

@@ -39,6 +39,25 @@ pub struct TrainView {
 }
 
 impl TrainView {
+    /// The same view at `1 / factor` of its width and height, averaged.
+    #[must_use]
+    pub fn downscaled(&self, factor: u32) -> Self {
+        let part = |pixels: u32| (pixels / factor.max(1)).max(1);
+        let (width, height) = (part(self.width()), part(self.height()));
+        // A tent as wide as two of the new pixels: what is finer does not come back as a pattern.
+        let filter = image::imageops::FilterType::Triangle;
+        Self {
+            name: self.name.clone(),
+            lens: Lens(self.lens.0.scaled_to(width, height)),
+            camera_from_world: self.camera_from_world,
+            photo: image::imageops::resize(&self.photo, width, height, filter),
+            mask: self
+                .mask
+                .as_ref()
+                .map(|mask| image::imageops::resize(mask, width, height, filter)),
+        }
+    }
+
     /// Pixels across.
     #[must_use]
     pub fn width(&self) -> u32 {

@@ -15,13 +15,24 @@ pub(super) enum Durability {
     Disk,
 }
 
+/// Writes a file that belongs to no run in one piece; its folder is made if need be.
+///
+/// # Errors
+/// [`RunError::Io`] if it cannot be written.
+pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<(), RunError> {
+    write_file(path, Durability::Program, |out| out.write_all(content))
+}
+
 pub(super) fn write_file(
     path: &Path,
     durability: Durability,
     fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
 ) -> Result<(), RunError> {
     let fail = |e| RunError::io("write", path, e);
-    let folder = path.parent().unwrap_or(Path::new("."));
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(|e| RunError::io("create the folder", folder, e))?;
     let mut builder = tempfile::Builder::new();
     builder.prefix(PARTIAL);

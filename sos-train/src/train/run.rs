@@ -13,11 +13,12 @@ use super::Trainer;
 use super::sampler::Sampler;
 use crate::config::TrainConfig;
 use crate::discover::{Hint, find_object};
+use crate::doctor::admission::{Admission, admit};
 use crate::export::{LogRecord, TrainLog, write_found_mask, write_mesh, write_view};
-use crate::job::{TrainJob, TrainOutcome};
+use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::prepare::error::PrepareError;
 use crate::prepare::view::load_views;
-use crate::prepare::{Prepared, TrainView, prepare};
+use crate::prepare::{MaskConsensus, Prepared, TrainView, prepare, prepare_with};
 use crate::progress::{Progress, ProgressState};
 use crate::render::rays::FrozenScene;
 use crate::render::survey::Survey;
@@ -52,15 +53,20 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     {
         progress.note(note);
     }
-    let Some((views, found)) = masked_views(job, &progress)? else {
+    let Some(MaskedViews {
+        views,
+        consensus,
+        notes: found,
+    }) = masked_views(job, &progress)?
+    else {
         return Ok(TrainOutcome::NotBegun);
     };
-    let data = prepare(
-        views,
-        &job.scene.model.points,
-        &job.config.prepare,
-        job.config.loss.ignore_band,
-    )?;
+    let (points, sizes) = (&job.scene.model.points, &job.config.prepare);
+    let band = job.config.loss.ignore_band;
+    let data = match consensus {
+        Some(consensus) => prepare_with(views, Some(consensus), points, sizes, band)?,
+        None => prepare(views, points, sizes, band)?,
+    };
     for note in &data.notes {
         progress.note(note);
     }
@@ -103,6 +109,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         return Ok(outcome);
     }
     let trained = started.elapsed().as_secs_f64() + earlier_seconds;
+    let data = at_full_size(data, job)?;
     if !export(job, &trainer, &data, &progress, &mut log)? {
         // The last checkpoint has everything: a resumed run goes straight to the pictures.
         let step = trainer.step_number();
@@ -120,28 +127,52 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     Ok(TrainOutcome::Finished)
 }
 
+/// Photos with the rough masks that a run begins with.
+struct MaskedViews {
+    views: Vec<TrainView>,
+    /// What the masks say together, where it is known already.
+    consensus: Option<MaskConsensus>,
+    /// What a user should know, a sentence each.
+    notes: Vec<String>,
+}
+
 /// The photos with rough masks: those given, or where that is one at most, those that the search for
-/// the object came up with, and what it has to say. `None` when it was interrupted.
-fn masked_views(
-    job: &TrainJob,
-    progress: &Progress,
-) -> Result<Option<(Vec<TrainView>, Vec<String>)>> {
+/// the object came up with. `None` when it was interrupted.
+fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedViews>> {
     let found = job.run.found_masks_dir();
     if job.resume && found.is_dir() {
         let masks = MaskSet::find(&found, &job.scene, Some(Polarity::WhiteIsObject))?;
-        return Ok(Some((load_views(&job.scene, Some(&masks))?, Vec::new())));
+        return Ok(Some(MaskedViews {
+            views: downscaled(load_views(&job.scene, Some(&masks))?, job),
+            consensus: None,
+            notes: Vec::new(),
+        }));
     }
     let mut views = load_views(&job.scene, job.masks.as_ref())?;
+    let Admission {
+        warnings,
+        consensus,
+    } = match job.checks {
+        Checks::Make => admit(job, &views, progress)?,
+        Checks::Skip => Admission::default(),
+    };
+    views = downscaled(views, job);
     let with_mask: Vec<usize> = (0..views.len())
         .filter(|&i| views[i].mask.is_some())
         .collect();
     let hint = match with_mask.as_slice() {
-        [] => job.hint.clone(),
+        [] => job.hint.downscaled(job.config.prepare.downscale),
         &[view] => match views[view].mask.clone() {
             Some(mask) => Hint::Mask { view, mask },
             None => Hint::Nothing,
         },
-        _ => return Ok(Some((views, Vec::new()))),
+        _ => {
+            return Ok(Some(MaskedViews {
+                views,
+                consensus,
+                notes: warnings,
+            }));
+        }
     };
     let mut stage = None;
     let discovery = find_object(
@@ -168,7 +199,35 @@ fn masked_views(
         write_found_mask(&job.run, &view.name, &mask)?;
         view.mask = Some(mask);
     }
-    Ok(Some((views, discovery.notes)))
+    Ok(Some(MaskedViews {
+        views,
+        consensus: None,
+        notes: [warnings, discovery.notes].concat(),
+    }))
+}
+
+/// The views at the size that is trained on.
+fn downscaled(views: Vec<TrainView>, job: &TrainJob) -> Vec<TrainView> {
+    match job.config.prepare.downscale {
+        0 | 1 => views,
+        factor => views
+            .par_iter()
+            .map(|view| view.downscaled(factor))
+            .collect(),
+    }
+}
+
+/// The scene with its photos as they are, which the pictures are drawn from. Labels are of the size
+/// that was trained on, and no longer asked for.
+fn at_full_size(data: Prepared, job: &TrainJob) -> Result<Prepared, PrepareError> {
+    if job.config.prepare.downscale <= 1 {
+        return Ok(data);
+    }
+    Ok(Prepared {
+        views: load_views(&job.scene, None)?,
+        outlines: Vec::new(),
+        ..data
+    })
 }
 
 fn train(

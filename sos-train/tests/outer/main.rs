@@ -5,9 +5,12 @@
 mod capture;
 mod command_line;
 mod config;
+mod doctor;
+mod downscale;
 mod exports;
 mod fabricated;
 mod import;
 mod interrupt;
+mod manual;
 mod report;
 mod run_folder;

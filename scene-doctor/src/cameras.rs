@@ -1,0 +1,171 @@
+//! Cameras, and the files that should go with them.
+
+use crate::finding::{Finding, some_names};
+use crate::scene::Exam;
+use io_colmap::{Camera, is_picture};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// Fewer photos than this leave most of an object's surface to two or three of them.
+const FEW: usize = 12;
+/// Two rays determine a point, a third one that it is right.
+const LEAST: usize = 3;
+/// A larger share of photos without a pose is worth a word: the model may be a part of the scene.
+const UNPOSED: f64 = 0.1;
+
+/// How many photos, and through which lenses.
+pub(crate) fn cameras(exam: &Exam) -> Finding {
+    let count = exam.views.len();
+    let mut lenses: Vec<&Camera> = Vec::new();
+    for view in &exam.views {
+        let same = |known: &&Camera| {
+            known.model == view.camera.model
+                && known.params == view.camera.params
+                && (known.width, known.height) == (view.camera.width, view.camera.height)
+        };
+        if !lenses.iter().any(same) {
+            lenses.push(view.camera);
+        }
+    }
+    let mut models: BTreeMap<String, usize> = BTreeMap::new();
+    let mut sizes: BTreeSet<(u32, u32)> = BTreeSet::new();
+    for camera in &lenses {
+        *models.entry(camera.model.to_string()).or_default() += 1;
+        sizes.insert((camera.width, camera.height));
+    }
+    let distorted = lenses.iter().any(|camera| is_distorted(camera));
+    let sizes: Vec<String> = sizes.iter().map(|(w, h)| format!("{w}x{h}")).collect();
+    let model_names: Vec<&str> = models.keys().map(String::as_str).collect();
+    let says = format!(
+        "{count} photos of {} pixels through {} ({}), {}",
+        shortened(&sizes),
+        match lenses.len() {
+            1 => "one lens".to_owned(),
+            n => format!("{n} calibrated lenses"),
+        },
+        model_names.join(", "),
+        if distorted {
+            "whose distortion every ray follows"
+        } else {
+            "without distortion"
+        }
+    );
+    let finding = Finding::pass("cameras", says)
+        .number("photos", count)
+        .number("lenses", lenses.len())
+        .number("distorted", distorted);
+    if count < LEAST {
+        finding.fail(format!(
+            "take more photos: {LEAST} at the very least, {FEW} to 60 are usual"
+        ))
+    } else if count < FEW {
+        finding.warn(format!(
+            "with fewer than {FEW} photos much is guessed; take more if you can"
+        ))
+    } else {
+        finding
+    }
+}
+
+/// Whether straight lines come out bent: the lens differs from a pinhole of its focal length.
+fn is_distorted(camera: &Camera) -> bool {
+    let (fx, fy) = camera.focal();
+    let (cx, cy) = camera.principal_point();
+    let corner = glam::DVec2::new(0.5, 0.5);
+    let pinhole = glam::DVec3::new((corner.x - cx) / fx, (corner.y - cy) / fy, 1.0);
+    match camera.unproject(corner) {
+        Some(ray) if ray.z > 0.0 => (ray / ray.z - pinhole).length() > 1e-4,
+        _ => true,
+    }
+}
+
+fn shortened(sizes: &[String]) -> String {
+    match sizes {
+        [a] => a.clone(),
+        [a, .., b] => format!("{a} to {b}"),
+        [] => "no".to_owned(),
+    }
+}
+
+/// Photos and poses that have no partner.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Files {
+    /// Photos that the poses name and that are not there.
+    pub missing: Vec<String>,
+    /// What becomes of those.
+    pub missing_are: Missing,
+    /// Photos that lie beside the others and have no pose.
+    pub unposed: Vec<String>,
+}
+
+/// What becomes of views whose photo is missing.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Missing {
+    /// Training refuses the scene.
+    #[default]
+    Refused,
+    /// They are left out.
+    LeftOut,
+}
+
+/// The pictures that lie in the folders of `photos` and are none of them.
+#[must_use]
+pub fn photos_without_pose(photos: &[PathBuf]) -> Vec<String> {
+    let posed: BTreeSet<&Path> = photos.iter().map(PathBuf::as_path).collect();
+    let folders: BTreeSet<&Path> = photos.iter().filter_map(|photo| photo.parent()).collect();
+    let mut unposed: Vec<String> = folders
+        .into_iter()
+        .flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten())
+        .map(|entry| entry.path())
+        .filter(|path| !posed.contains(path.as_path()))
+        .filter_map(|path| Some(path.file_name()?.to_str()?.to_owned()))
+        .filter(|name| is_picture(name) && !name.starts_with('.'))
+        .collect();
+    unposed.sort();
+    unposed
+}
+
+/// Whether every pose has its photo, and every photo its pose.
+pub(crate) fn files(posed: usize, files: &Files) -> Finding {
+    let (missing, unposed) = (files.missing.len(), files.unposed.len());
+    let mut says = match missing {
+        0 => "every pose has its photo".to_owned(),
+        1 => format!(
+            "1 photo that the poses name is missing: {}",
+            files.missing[0]
+        ),
+        n => format!(
+            "{n} photos that the poses name are missing: {}",
+            some_names(&files.missing)
+        ),
+    };
+    says.push_str(&match unposed {
+        0 => ", every photo its pose".to_owned(),
+        n => format!(
+            "; {n} of {} photos have no pose and are not used: {}",
+            n + posed,
+            some_names(&files.unposed)
+        ),
+    });
+    if missing > 0 {
+        says = says.replace(", every photo its pose", "");
+    }
+    let finding = Finding::pass("photos", says)
+        .number("missing", missing)
+        .number("without_pose", unposed)
+        .about(files.missing.iter().chain(&files.unposed).cloned());
+    let back = "put them back under the names that the poses give them";
+    match (missing, files.missing_are) {
+        (1.., Missing::Refused) => {
+            finding.fail(format!("{back}, or export the model again without them"))
+        }
+        (1.., Missing::LeftOut) => finding.warn(format!(
+            "these views are left out; {back} if that is not meant"
+        )),
+        _ if unposed as f64 > UNPOSED * (posed + unposed) as f64 => finding.warn(
+            "they found no place among the others: take photos in between, with more overlap, and \
+             find the poses again",
+        ),
+        _ => finding,
+    }
+}

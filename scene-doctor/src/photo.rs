@@ -1,0 +1,64 @@
+//! What is measured of each photo: sharpness and light.
+
+use image::RgbImage;
+use scene_capture::Grey;
+
+/// At most about this many pixels are looked at for light: shares and means need no more.
+const SAMPLES: u32 = 40_000;
+/// 8-bit values from which on a channel counts as blown out, and up to which as black.
+const WHITE: u8 = 254;
+const BLACK: u8 = 1;
+
+/// Measures of one photo.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PhotoMeasures {
+    /// Variance of the Laplacian of the photo scaled down to 640 pixels, over the square of its mean
+    /// luma: half the light is a quarter of that variance.
+    pub sharpness: f64,
+    /// Mean linear luminance, 0..1.
+    pub luminance: f64,
+    /// Share of pixels with all channels blown out.
+    pub blown: f64,
+    /// Share of pixels with all channels black.
+    pub black: f64,
+}
+
+impl PhotoMeasures {
+    /// Measures an 8-bit sRGB photo.
+    #[must_use]
+    pub fn of(photo: &RgbImage) -> Self {
+        let (width, height) = photo.dimensions();
+        let grey = Grey::of_rgb(photo.as_raw(), width as usize, height as usize);
+        let step = (f64::from(width) * f64::from(height) / f64::from(SAMPLES))
+            .sqrt()
+            .ceil()
+            .max(1.0) as usize;
+        let (mut count, mut light, mut blown, mut black) = (0u32, 0.0, 0u32, 0u32);
+        for y in (0..height).step_by(step) {
+            for x in (0..width).step_by(step) {
+                let [r, g, b] = photo.get_pixel(x, y).0;
+                count += 1;
+                light += 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
+                blown += u32::from(r.min(g).min(b) >= WHITE);
+                black += u32::from(r.max(g).max(b) <= BLACK);
+            }
+        }
+        let n = f64::from(count.max(1));
+        Self {
+            sharpness: grey.sharpness() / grey.mean().max(1.0).powi(2),
+            luminance: light / n,
+            blown: f64::from(blown) / n,
+            black: f64::from(black) / n,
+        }
+    }
+}
+
+/// IEC 61966-2-1.
+fn linear(value: u8) -> f64 {
+    let v = f64::from(value) / 255.0;
+    if v <= 0.040_45 {
+        v / 12.92
+    } else {
+        ((v + 0.055) / 1.055).powf(2.4)
+    }
+}
