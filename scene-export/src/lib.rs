@@ -47,10 +47,10 @@ mod transforms;
 pub use coco::RunLengths;
 pub use draft::Existing;
 pub use error::{ExportError, UnknownWord};
+pub use mesh::Mesh;
 pub use product::{MaskTool, Product, Target};
 
 use draft::Draft;
-use mesh::Mesh;
 use run::Run;
 use std::path::{Path, PathBuf};
 

@@ -12,6 +12,7 @@
 //! | [`train`] | the loop: batches, schedules, checkpoints |
 //! | [`render`] | final pictures and the mesh |
 //! | [`run_folder`], [`export`] | where results lie, and how they get there in one piece |
+//! | [`audit`] | what the results say about themselves without ground truth |
 //! | [`report`] | `report.html` |
 //! | [`progress`], [`error`] | what a person sees meanwhile; whose fault an error is |
 //!
@@ -39,6 +40,7 @@
 //! # Ok::<(), sos_train::config::ConfigError>(())
 //! ```
 
+pub mod audit;
 pub mod cli;
 pub mod config;
 pub mod device;

@@ -4,13 +4,13 @@ use super::capture::{capture_for_run, source_without_poses};
 use super::import::{Imported, import_for_run, is_ready};
 use super::input::{Plan, Source, generate_demo, mask_folder, owns_scene, record_input};
 use super::{TrainArgs, answer, evaluate, program};
+use crate::audit::Metrics;
 use crate::config::{MaskPolarity, RunRecord};
 use crate::discover::Hint;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK};
 use crate::export::check_names;
 use crate::job::{TrainJob, TrainOutcome};
 use crate::progress::{AtInterrupt, Progress, watch_interrupt};
-use crate::report::{ReportInputs, write_report};
 use crate::run_folder::{Existing, RunError, RunFolder};
 use io_colmap::{MaskSet, Scene};
 use std::io::Write as _;
@@ -243,10 +243,14 @@ fn finish(run: &RunFolder, demo: bool, screen: &Progress) -> anyhow::Result<()> 
     if demo {
         let scene = run.scene_dir();
         let report = sos_eval::run_eval(run.root(), &scene, Some(&scene.join("coarse_masks")))?;
-        evaluate::write_metrics(run, &report)?;
         screen.note(&report.to_string());
+        let metrics = Metrics {
+            scores: Some(report),
+            audit: None,
+        };
+        metrics.write(run)?;
     }
-    write_report(run, &ReportInputs::gather(run)?)?;
+    evaluate::make_report(run, None)?;
     answer(&format!(
         "everything is in {}; start with report.html",
         run.root().display()

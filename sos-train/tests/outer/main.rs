@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used)] // a test may panic
 
+mod audit;
+mod browser;
 mod capture;
 mod command_line;
 mod config;
