@@ -14,6 +14,7 @@
 //! | [`run_folder`], [`export`] | where results lie, and how they get there in one piece |
 //! | [`audit`] | what the results say about themselves without ground truth |
 //! | [`report`] | `report.html` |
+//! | [`live`] | the page of a run in progress |
 //! | [`progress`], [`error`] | what a person sees meanwhile; whose fault an error is |
 //!
 //! # Example
@@ -48,6 +49,7 @@ pub mod discover;
 pub mod error;
 pub mod export;
 pub mod job;
+pub mod live;
 pub mod memory;
 pub mod prepare;
 pub mod progress;

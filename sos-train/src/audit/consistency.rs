@@ -109,7 +109,7 @@ pub(super) fn votes_in(
     let own = &views[i];
     let mut votes = vec![Vote::default(); own.alpha.len()];
     let world_from_camera = own.camera_from_world.inverse();
-    for cell in 0..own.alpha.len() {
+    for (cell, slot) in votes.iter_mut().enumerate() {
         let Some(point) = own.point(by, &world_from_camera, cell) else {
             continue;
         };
@@ -125,7 +125,7 @@ pub(super) fn votes_in(
         if vote.agree == 0 {
             vote.object += differ;
         }
-        votes[cell] = vote;
+        *slot = vote;
     }
     for &j in around {
         let other = &views[j];

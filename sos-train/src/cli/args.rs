@@ -112,6 +112,15 @@ pub struct TrainArgs {
     /// Replace the run in RUN.
     #[arg(long)]
     pub force: bool,
+    /// Show the run on a page of this machine, at any port or this one, with buttons to pause and stop it.
+    #[arg(
+        long,
+        value_name = "PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "0"
+    )]
+    pub view: Option<u16>,
     /// Print nothing but errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,

@@ -10,6 +10,7 @@ use crate::discover::Hint;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK};
 use crate::export::check_names;
 use crate::job::{TrainJob, TrainOutcome};
+use crate::live::{Live, LiveError, LiveServer};
 use crate::progress::{AtInterrupt, Progress, watch_interrupt};
 use crate::run_folder::{Existing, RunError, RunFolder};
 use io_colmap::{MaskSet, Scene};
@@ -219,6 +220,8 @@ fn start(
         ));
         Arc::new(AtomicBool::new(false))
     });
+    let live = args.view.map(|port| show(port, &ready.run, &interrupt));
+    let (live, _server) = live.transpose()?.unzip();
     crate::train::run(&TrainJob {
         config: plan.config,
         scene_dir: ready.scene_dir,
@@ -235,7 +238,28 @@ fn start(
         resume: args.resume,
         quiet: args.quiet,
         interrupt,
+        live,
     })
+}
+
+/// Opens the page of a run, and says where; port 0 is any.
+fn show(
+    port: u16,
+    run: &RunFolder,
+    interrupt: &Arc<AtomicBool>,
+) -> Result<(Arc<Live>, LiveServer), LiveError> {
+    let live = Arc::new(Live::new(
+        run.root().display().to_string(),
+        Arc::clone(interrupt),
+    ));
+    let server = LiveServer::start(Arc::clone(&live), (port > 0).then_some(port))?;
+    // Asked for, and so said even if all else is quiet.
+    let _ = writeln!(
+        std::io::stderr(),
+        "the run is shown at {}",
+        server.address()
+    );
+    Ok((live, server))
 }
 
 /// Scores a run of the demo, writes the report, says where everything is.

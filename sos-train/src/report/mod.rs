@@ -18,8 +18,10 @@ mod thumbnail;
 mod views;
 
 pub use comparison::comparison_page;
+pub(crate) use curves::plots;
 pub use inputs::ReportInputs;
-pub(crate) use thumbnail::open as open_picture;
+pub(crate) use page::STYLE;
+pub(crate) use thumbnail::{jpeg_bytes, open as open_picture};
 
 use crate::export::ExportError;
 use crate::run_folder::{RunError, RunFolder};

@@ -11,7 +11,7 @@ use sos_eval::AlphaScore;
 use std::fmt::Write as _;
 use std::time::Duration;
 
-pub(super) const STYLE: &str = include_str!("style.css");
+pub(crate) const STYLE: &str = include_str!("style.css");
 /// Faults are collected where a test, or a person with the page's source, finds them.
 const WATCH: &str = "addEventListener('error',e=>{const d=document.documentElement.dataset;\
                      d.errors=(d.errors||'')+e.message+' at line '+e.lineno+'; '});";
@@ -65,10 +65,10 @@ fn looks(mesh: Option<&PackedMesh>) -> String {
         "<div class=\"looks\">\n<section id=\"compare\" class=\"panel\" hidden></section>\n",
     );
     if let Some(mesh) = mesh {
-        let _ = write!(
+        let _ = writeln!(
             html,
             "<section id=\"viewer\" class=\"panel\" data-vertices=\"{}\" data-triangles=\"{}\" \
-             data-low=\"{}\" data-high=\"{}\"><script type=\"text/plain\" id=\"mesh\">{}</script></section>\n",
+             data-low=\"{}\" data-high=\"{}\"><script type=\"text/plain\" id=\"mesh\">{}</script></section>",
             mesh.vertices,
             mesh.triangles,
             mesh.low.to_array().map(|v| v.to_string()).join(" "),

@@ -156,10 +156,20 @@ fn fitted((w, h): (u32, u32), room: u32) -> (u32, u32) {
 }
 
 fn jpeg(picture: &RgbImage) -> Thumbnail {
+    embed(
+        "jpeg",
+        &jpeg_bytes(picture),
+        picture.width(),
+        picture.height(),
+    )
+}
+
+/// A picture as a JPEG file.
+pub(crate) fn jpeg_bytes(picture: &RgbImage) -> Vec<u8> {
     let mut bytes = Vec::new();
-    // As above.
+    // Writing to memory cannot fail.
     let _ = JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY).encode_image(picture);
-    embed("jpeg", &bytes, picture.width(), picture.height())
+    bytes
 }
 
 fn embed(kind: &str, bytes: &[u8], width: u32, height: u32) -> Thumbnail {

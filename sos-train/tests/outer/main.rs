@@ -11,5 +11,6 @@ mod exports;
 mod fabricated;
 mod import;
 mod interrupt;
+mod live;
 mod report;
 mod run_folder;
