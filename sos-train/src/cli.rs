@@ -11,11 +11,12 @@ mod export;
 mod hull;
 mod import;
 mod input;
+mod render;
 mod train;
 
 pub use args::{
-    CaptureArgs, Command, CompareArgs, EvalArgs, ExportArgs, HullArgs, ImportArgs, ReportArgs, Sos,
-    TrainArgs,
+    CaptureArgs, Command, CompareArgs, EvalArgs, ExportArgs, HullArgs, ImportArgs, RenderArgs,
+    ReportArgs, Sos, TrainArgs,
 };
 
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
@@ -61,6 +62,7 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Import(args) => import::import(args).map(|()| EXIT_OK),
         Command::Capture(args) => capture::capture(args).map(|()| EXIT_OK),
         Command::Export(args) => export::export(args).map(|()| EXIT_OK),
+        Command::Render(args) => render::render(args).map(|()| EXIT_OK),
         Command::Eval(args) => evaluate::eval(args).map(|()| EXIT_OK),
         Command::Compare(args) => evaluate::compare(args).map(|()| EXIT_OK),
         Command::Hull(args) => hull::write(args).map(|()| EXIT_OK),

@@ -11,11 +11,22 @@ Examples:
   sos train photos/cat --masks photos/masks  photos with a COLMAP model and rough masks
   sos eval runs/cat --gt photos/alpha_gt     score the mattes against the truth";
 
+/// One screen: the two options that every program has are left out.
+const SCREEN: &str = "\
+{about}
+
+{usage-heading} {usage}
+       sos COMMAND --help lists a command's options
+
+Commands:
+{subcommands}{after-help}";
+
 /// From posed photos and rough masks to mattes, cut-outs, background plates and a mesh.
 #[derive(Debug, Parser)]
 #[command(
     name = "sos",
     version,
+    help_template = SCREEN,
     after_help = EXAMPLES,
     max_term_width = 120,
     disable_help_flag = true,
@@ -40,8 +51,10 @@ pub enum Command {
     Import(ImportArgs),
     /// Turn photos without poses, or a video, into a COLMAP scene, by running COLMAP.
     Capture(CaptureArgs),
-    /// Turn a run's results into what other tools read: EXR layers, OBJ, GLB, COCO, masks.
+    /// Turn a run's results into what other tools read: EXR layers, OBJ, GLB, COCO, masks, videos.
     Export(ExportArgs),
+    /// Draw a run's object all around, or its scene along the photos: frames and videos.
+    Render(RenderArgs),
     /// Score a run against ground truth and print a table.
     Eval(EvalArgs),
     /// Score several runs, or folders of any system's masks, against the same truth.
@@ -179,7 +192,7 @@ pub struct CaptureArgs {
 pub struct ExportArgs {
     /// Run folder.
     pub run: PathBuf,
-    /// Format: exr, obj, glb, coco, colmap-scene, alpha8 or premultiplied.
+    /// Format: exr, obj, glb, coco, colmap-scene, alpha8, premultiplied or video.
     #[arg(long, value_name = "FORMAT")]
     pub to: Option<scene_export::Target>,
     /// Masks in the conventions of colmap, nerfstudio, brush, instant-ngp, neus or spin-nerf.
@@ -194,7 +207,37 @@ pub struct ExportArgs {
     /// COCO's run lengths as plain numbers instead of packed text.
     #[arg(long, requires = "to")]
     pub plain_rle: bool,
+    /// Frames a second of videos [default: 12].
+    #[arg(long, value_name = "N", requires = "to", value_parser = clap::value_parser!(u32).range(1..=240))]
+    pub fps: Option<u32>,
     /// Replace an earlier export.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `sos render`.
+#[derive(Debug, Clone, Args)]
+#[group(skip)]
+#[command(group = ArgGroup::new("cameras").required(true).args(["turntable", "path"]))]
+pub struct RenderArgs {
+    /// Run folder, with its checkpoint.
+    pub run: PathBuf,
+    /// The object alone, from N places all around it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub turntable: Option<u32>,
+    /// The scene, and the scene without the object, from N places along the way of the photos.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub path: Option<u32>,
+    /// Longer side of the pictures in pixels.
+    #[arg(long, value_name = "PIXELS", default_value_t = 480, value_parser = clap::value_parser!(u32).range(16..=8192))]
+    pub size: u32,
+    /// Frames a second of videos.
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=240))]
+    pub fps: u32,
+    /// Folder to create [default: RUN/render/turntable or path].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Replace earlier frames.
     #[arg(long)]
     pub force: bool,
 }

@@ -91,6 +91,9 @@ fn the_command_line_itself_can_be_wrong() {
         &["train", "--box", "1,1,1,0,0,0"],
         &["train", "--box", "0,0,0,1,1,1", "--click", "a.jpg:1,2"],
         &["eval", "run"],
+        &["render", "run"],
+        &["render", "run", "--path", "0"],
+        &["export", "run", "--masks-for", "neus", "--fps", "12"],
     ] {
         assert_eq!(
             sos(dir.path(), arguments).status.code(),
@@ -249,6 +252,18 @@ fn evaluation_prints_a_table_or_json_and_keeps_the_scores() {
         &["nowhere"],
     );
     refused(dir.path(), &["report", gt_path], &["holds no run"]);
+}
+
+#[test]
+fn a_run_without_a_checkpoint_is_not_drawn() {
+    let dir = tempfile::tempdir().unwrap();
+    let (_, run) = crate::fabricated::run(dir.path(), true);
+    refused(
+        dir.path(),
+        &["render", run.root().to_str().unwrap(), "--turntable", "4"],
+        &["no checkpoint"],
+    );
+    assert!(!run.root().join("render").join("turntable").exists());
 }
 
 #[test]
