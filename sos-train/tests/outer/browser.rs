@@ -5,9 +5,14 @@ use sos_train::audit::{Metrics, audit};
 use sos_train::report::{ReportInputs, write_report};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
-/// Chromium under any of its names; says so where there is none.
+/// A page takes a few seconds; a browser that hangs is ended after this.
+const LONGEST: Duration = Duration::from_secs(120);
+
+/// Chromium under any of its names, where it works; says so where there is none.
 pub(crate) fn chromium() -> Option<PathBuf> {
     let paths = std::env::var_os("PATH").unwrap_or_default();
     let found = std::env::split_paths(&paths)
@@ -15,23 +20,48 @@ pub(crate) fn chromium() -> Option<PathBuf> {
             ["chromium", "chromium-browser", "google-chrome"].map(|name| folder.join(name))
         })
         .find(|path| path.is_file());
-    if found.is_none() {
-        eprintln!("skipped: no chromium, chromium-browser or google-chrome on the PATH");
+    let Some(browser) = found else {
+        println!("skipped: no chromium, chromium-browser or google-chrome on the PATH");
+        return None;
+    };
+    let dir = tempfile::tempdir().unwrap();
+    if !dom(&browser, "data:text/html,<p>here</p>", dir.path()).contains("here") {
+        println!(
+            "skipped: {} shows no page on this machine",
+            browser.display()
+        );
+        return None;
     }
-    found
+    Some(browser)
 }
 
-/// The page's document after its scripts have run; pixels of WebGL are computed on the CPU.
-pub(crate) fn dom(browser: &Path, address: &str, profile: &Path) -> String {
-    let output = Command::new(browser)
+/// The page's document after its scripts have run; pixels of WebGL are computed on the CPU. `folder`
+/// is for the browser to write into.
+pub(crate) fn dom(browser: &Path, address: &str, folder: &Path) -> String {
+    let said = folder.join("dom.html");
+    let mut running = Command::new(browser)
         .args(["--headless", "--no-sandbox", "--disable-gpu-sandbox"])
         .args(["--use-angle=swiftshader", "--enable-unsafe-swiftshader"])
         .args(["--window-size=1400,1000", "--virtual-time-budget=5000"])
-        .arg(format!("--user-data-dir={}", profile.display()))
+        .arg(format!(
+            "--user-data-dir={}",
+            folder.join("profile").display()
+        ))
         .args(["--dump-dom", address])
-        .output()
+        .stdin(Stdio::null())
+        .stdout(fs::File::create(&said).unwrap())
+        .stderr(Stdio::null())
+        .spawn()
         .unwrap();
-    String::from_utf8_lossy(&output.stdout).into_owned()
+    let begun = Instant::now();
+    while running.try_wait().unwrap().is_none() {
+        if begun.elapsed() > LONGEST {
+            running.kill().unwrap();
+            running.wait().unwrap();
+        }
+        sleep(Duration::from_millis(50));
+    }
+    String::from_utf8_lossy(&fs::read(said).unwrap()).into_owned()
 }
 
 /// What a person would do, and what it led to, in attributes of the document's root.
@@ -93,7 +123,7 @@ fn the_report_comes_alive_without_a_fault() {
     )
     .unwrap();
     let address = format!("file://{}", touched.display());
-    let dom = dom(&browser, &address, &dir.path().join("profile"));
+    let dom = dom(&browser, &address, dir.path());
     let root = dom
         .split_once("<html")
         .and_then(|(_, rest)| rest.split_once('>'))
@@ -109,7 +139,7 @@ fn the_report_comes_alive_without_a_fault() {
         assert!(root.contains(led_to), "{led_to} is not in {root}");
     }
     if root.contains("no-webgl") {
-        eprintln!("the mesh was not looked at: this browser has no WebGL");
+        println!("the mesh was not looked at: this browser has no WebGL");
         return;
     }
     assert!(root.contains("viewer "), "{root}");

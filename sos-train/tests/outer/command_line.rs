@@ -316,3 +316,28 @@ fn the_visual_hull_is_written_and_compared() {
         &["nowhere"],
     );
 }
+
+#[test]
+fn documented_commands_are_understood() {
+    use clap::Parser as _;
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut count = 0;
+    for name in ["README.md", "sos-train/README.md", "docs/tutorial.md"] {
+        let document = fs::read_to_string(root.join(name)).unwrap();
+        let blocks = document.split("```").skip(1).step_by(2);
+        for line in blocks.flat_map(str::lines) {
+            let command = line.split(" #").next().unwrap_or_default().trim();
+            let words = match command.strip_prefix("cargo xtask sos ") {
+                Some(arguments) => format!("sos {arguments}"),
+                None => command.to_owned(),
+            };
+            if !words.starts_with("sos ") {
+                continue;
+            }
+            count += 1;
+            let parsed = sos_train::cli::Sos::try_parse_from(words.split_whitespace());
+            assert!(parsed.is_ok(), "{name}: {command}");
+        }
+    }
+    assert!(count > 15, "{count}");
+}
