@@ -3,9 +3,10 @@
 //! * **Mask audit**: in every view, the overlap of the start mask and the matte that all views agreed
 //!   on. Views with little overlap are those whose start mask was wrong, or whose matte is.
 //! * **Cross-view consistency**: whatever one view's matte calls the object is taken to where its depth
-//!   says that it is, and looked at from the neighbouring views. [`consistency`] defines the score.
+//!   says that it is, and looked at from the neighbouring views. `audit/consistency.rs` and
+//!   `docs/report.md` define the score.
 //! * **Uncertainty**: per pixel, how soft the matte is and how much the other views disagree
-//!   ([`uncertainty`]).
+//!   (`audit/uncertainty.rs`).
 //!
 //! Everything is computed from the run's own `alpha/` and `depth/` and the scene's photos in seconds,
 //! so that it can be repeated at any time.

@@ -5,7 +5,7 @@
 //! |---|---|
 //! | [`Live`] | the board between a run and its page: the run writes what it does and reads what it is asked |
 //! | [`LiveServer`] | the page, over HTTP on the loopback address alone |
-//! | [`attend`] | what the run does between two steps for whoever looks |
+//! | `attend` | what the run does between two steps for whoever looks |
 //!
 //! A run does nothing for a page that nobody has open: pictures are drawn when they were asked for in
 //! the last seconds, and take a sixth of the time at most. There are no globals; a run without a page

@@ -124,5 +124,7 @@
     root.dataset.ready = "live";
   };
   look();
-  setInterval(look, 1000);
+  // A page that nobody sees asks for nothing, so that nothing is drawn for it.
+  setInterval(() => { if (!document.hidden) look(); }, 1000);
+  document.addEventListener("visibilitychange", () => { if (!document.hidden) look(); });
 })();
