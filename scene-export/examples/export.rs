@@ -1,5 +1,5 @@
 //! Exports a finished run: `cargo run -p scene-export --example export RUN FORMAT OUT`, where FORMAT is
-//! one of `exr obj glb coco colmap-scene alpha8 premultiplied`.
+//! one of `exr obj glb coco colmap-scene alpha8 premultiplied video`.
 
 use scene_export::{Options, Product, Target, export};
 use std::error::Error;

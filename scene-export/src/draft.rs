@@ -22,15 +22,19 @@ pub enum Existing {
     Replace,
 }
 
-/// A folder in the making, beside its place.
-pub(crate) struct Draft {
+/// A folder in the making, beside its place. It is gone if it is dropped before it is finished.
+#[derive(Debug)]
+pub struct Draft {
     folder: TempDir,
     out: PathBuf,
 }
 
 impl Draft {
     /// Begins a folder; complains before any work is done about what would be in the way at its end.
-    pub(crate) fn begin(out: &Path, existing: Existing) -> Result<Self, ExportError> {
+    ///
+    /// # Errors
+    /// [`ExportError`] if something is in the way, or nothing can be written there.
+    pub fn begin(out: &Path, existing: Existing) -> Result<Self, ExportError> {
         match fs::read_dir(out) {
             Ok(mut entries) => {
                 let ours = out.join(RECORD).is_file();
@@ -88,7 +92,10 @@ impl Draft {
     }
 
     /// Where a file belongs, with the folders on the way.
-    pub(crate) fn place(&self, name: &str) -> Result<PathBuf, ExportError> {
+    ///
+    /// # Errors
+    /// [`ExportError::Io`].
+    pub fn place(&self, name: &str) -> Result<PathBuf, ExportError> {
         let path = self.path().join(name);
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(|e| ExportError::io("create", folder, e))?;
@@ -111,8 +118,11 @@ impl Draft {
         write().map_err(|e| ExportError::io("write", &self.out.join(name), e))
     }
 
-    /// Puts the folder in its place, with a record of what is in it.
-    pub(crate) fn finish(self, record: &str) -> Result<(), ExportError> {
+    /// Puts the folder in its place, with a record of what is in it as `export.txt`.
+    ///
+    /// # Errors
+    /// [`ExportError::Io`].
+    pub fn finish(self, record: &str) -> Result<(), ExportError> {
         self.write(RECORD, |out| out.write_all(record.as_bytes()))?;
         let out = &self.out;
         let fail = |e| ExportError::io("create", out, e);

@@ -27,6 +27,16 @@ pub enum ExportError {
         /// What to do about it.
         remedy: String,
     },
+    /// A program that is needed is not there, or failed.
+    #[error("{}: {what}; {remedy}", program.display())]
+    Program {
+        /// Its name or path.
+        program: PathBuf,
+        /// What is wrong.
+        what: String,
+        /// What to do about it.
+        remedy: &'static str,
+    },
     /// There is something where the export would go.
     #[error("{} is there already; add --force to replace it, or choose another folder with --out", path.display())]
     Exists {

@@ -4,7 +4,7 @@
 //! run was made from, and writes one folder:
 //!
 //! * results in other formats ([`Target`]): multi-layer OpenEXR per view, the mesh as OBJ or GLB, COCO
-//!   masks, a COLMAP scene of the object alone, 8-bit mattes, premultiplied cut-outs;
+//!   masks, a COLMAP scene of the object alone, 8-bit mattes, premultiplied cut-outs, videos;
 //! * masks in the conventions of other tools ([`MaskTool`]): COLMAP, nerfstudio, Brush, instant-ngp,
 //!   NeuS, SPIn-NeRF.
 //!
@@ -31,6 +31,7 @@ mod colour;
 mod draft;
 mod error;
 mod exr_layers;
+mod ffmpeg;
 mod glb;
 mod masks;
 mod mattes;
@@ -43,14 +44,16 @@ mod product;
 mod run;
 mod run_lengths;
 mod transforms;
+mod video;
 
 pub use coco::RunLengths;
-pub use draft::Existing;
+pub use draft::{Draft, Existing};
 pub use error::{ExportError, UnknownWord};
+pub use ffmpeg::{Codec, Ffmpeg, Video};
+pub use mesh::Mesh;
+pub use picture::{Kind, Picture};
 pub use product::{MaskTool, Product, Target};
 
-use draft::Draft;
-use mesh::Mesh;
 use run::Run;
 use std::path::{Path, PathBuf};
 
@@ -63,6 +66,8 @@ pub struct Options {
     pub existing: Existing,
     /// How COCO's masks are written.
     pub run_lengths: RunLengths,
+    /// Frames a second of videos; `None` for twelve.
+    pub rate: Option<u32>,
 }
 
 /// What was written.
@@ -82,6 +87,7 @@ impl Written {
     pub fn sentence(&self, product: Product) -> String {
         let what = match product {
             Product::Files(Target::Obj | Target::Glb) => "the mesh".to_owned(),
+            Product::Files(Target::Video) => format!("videos of {} views", self.count),
             Product::Files(Target::Coco) => format!("masks of {} views", self.count),
             Product::Files(_) => format!("{} views", self.count),
             Product::Masks(tool) => format!("{} masks for {}", self.count, tool.name()),
@@ -117,6 +123,10 @@ pub fn export(
         }
         Product::Files(Target::Alpha8) => mattes::write_alpha8(&run, &draft)?,
         Product::Files(Target::Premultiplied) => mattes::write_premultiplied(&run, &draft)?,
+        Product::Files(Target::Video) => {
+            let rate = options.rate.unwrap_or(video::RATE);
+            video::write(&run, rate, &draft, &mut notes)?
+        }
         Product::Files(Target::Coco) => {
             let scene = run.scene(options.scene.as_deref())?;
             let posed = run.posed(&scene)?;

@@ -13,18 +13,23 @@ const SHORT: f32 = 1e-6;
 
 /// The object's surface in the scene's own frame.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Mesh {
-    pub(crate) positions: Vec<DVec3>,
+pub struct Mesh {
+    /// Vertices, in scene units.
+    pub positions: Vec<DVec3>,
     /// Unit length, one per vertex.
-    pub(crate) normals: Vec<Vec3>,
+    pub normals: Vec<Vec3>,
     /// sRGB, one per vertex.
-    pub(crate) colours: Vec<[u8; 3]>,
-    pub(crate) triangles: Vec<[u32; 3]>,
+    pub colours: Vec<[u8; 3]>,
+    /// Three vertices each, counter-clockwise as seen from outside.
+    pub triangles: Vec<[u32; 3]>,
 }
 
 impl Mesh {
     /// Reads a run's mesh.
-    pub(crate) fn of_run(root: &Path) -> Result<Self, ExportError> {
+    ///
+    /// # Errors
+    /// [`ExportError`] if it is missing, damaged or without triangles.
+    pub fn of_run(root: &Path) -> Result<Self, ExportError> {
         let path = root.join("mesh.ply");
         if !path.is_file() {
             return Err(ExportError::bad(
@@ -46,7 +51,8 @@ impl Mesh {
     }
 
     /// The corners of the box around all vertices.
-    pub(crate) fn bounds(&self) -> (DVec3, DVec3) {
+    #[must_use]
+    pub fn bounds(&self) -> (DVec3, DVec3) {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for position in &self.positions {
             low = low.min(*position);

@@ -50,24 +50,36 @@ pub(crate) fn byte(word: u16) -> u8 {
 
 /// A colour, with which the file says sRGB, or a measurement, with which it claims no colour space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub enum Kind {
+    /// One channel, a measurement.
     Grey,
+    /// sRGB.
     Rgb,
+    /// sRGB and alpha.
     Rgba,
 }
 
 /// An 8-bit picture ready to be encoded, rows from the top.
-pub(crate) struct Picture<'a> {
-    pub(crate) width: u32,
-    pub(crate) height: u32,
-    pub(crate) kind: Kind,
+#[derive(Debug)]
+pub struct Picture<'a> {
+    /// In pixels.
+    pub width: u32,
+    /// In pixels.
+    pub height: u32,
+    /// What a pixel holds.
+    pub kind: Kind,
     /// For people who wonder what they have before them.
-    pub(crate) remark: &'a str,
-    pub(crate) bytes: &'a [u8],
+    pub remark: &'a str,
+    /// `[height * width * channels]`.
+    pub bytes: &'a [u8],
 }
 
 impl Picture<'_> {
-    pub(crate) fn write(&self, draft: &Draft, name: &str) -> Result<(), ExportError> {
+    /// Writes a PNG file into a folder in the making.
+    ///
+    /// # Errors
+    /// [`ExportError::Io`].
+    pub fn write(&self, draft: &Draft, name: &str) -> Result<(), ExportError> {
         draft.write(name, |out| self.encode(out))
     }
 

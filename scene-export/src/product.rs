@@ -22,6 +22,8 @@ pub enum Target {
     Alpha8,
     /// Cut-outs with premultiplied alpha.
     Premultiplied,
+    /// All pictures as videos, by ffmpeg.
+    Video,
 }
 
 /// A tool whose conventions for masks can be followed.
@@ -43,7 +45,7 @@ pub enum MaskTool {
 
 impl Target {
     /// All of them.
-    pub const ALL: [Target; 7] = [
+    pub const ALL: [Target; 8] = [
         Target::Exr,
         Target::Obj,
         Target::Glb,
@@ -51,6 +53,7 @@ impl Target {
         Target::ColmapScene,
         Target::Alpha8,
         Target::Premultiplied,
+        Target::Video,
     ];
 
     /// A word for command lines.
@@ -64,6 +67,7 @@ impl Target {
             Target::ColmapScene => "colmap-scene",
             Target::Alpha8 => "alpha8",
             Target::Premultiplied => "premultiplied",
+            Target::Video => "video",
         }
     }
 }

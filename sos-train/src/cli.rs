@@ -13,11 +13,12 @@ mod hull;
 mod import;
 mod input;
 mod manual;
+mod render;
 mod train;
 
 pub use args::{
     CaptureArgs, Command, CompareArgs, DoctorArgs, EvalArgs, ExportArgs, HullArgs, ImportArgs,
-    ReportArgs, Sos, TrainArgs,
+    RenderArgs, ReportArgs, Sos, TrainArgs,
 };
 
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
@@ -64,6 +65,7 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Capture(args) => capture::capture(args).map(|()| EXIT_OK),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Export(args) => export::export(args).map(|()| EXIT_OK),
+        Command::Render(args) => render::render(args).map(|()| EXIT_OK),
         Command::Eval(args) => evaluate::eval(args).map(|()| EXIT_OK),
         Command::Compare(args) => evaluate::compare(args).map(|()| EXIT_OK),
         Command::Hull(args) => hull::write(args).map(|()| EXIT_OK),

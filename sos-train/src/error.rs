@@ -2,6 +2,7 @@
 
 use crate::config::ConfigError;
 use crate::export::ExportError;
+use crate::live::LiveError;
 use crate::prepare::error::PrepareError;
 use crate::report::ReportError;
 use crate::run_folder::RunError;
@@ -55,6 +56,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
     }
     let users = error.chain().any(|cause| {
         cause.is::<InputError>()
+            || cause.is::<LiveError>()
             || cause.is::<PrepareError>()
             || cause.is::<ReportError>()
             || cause.is::<ConfigError>()

@@ -3,6 +3,7 @@
 
 use crate::config::TrainConfig;
 use crate::discover::Hint;
+use crate::live::Live;
 use crate::run_folder::RunFolder;
 use io_colmap::{MaskSet, Polarity, Scene};
 use std::path::PathBuf;
@@ -49,6 +50,8 @@ pub struct TrainJob {
     /// Turns true when the user wants to stop: save a checkpoint and return
     /// [`TrainOutcome::Interrupted`].
     pub interrupt: Arc<AtomicBool>,
+    /// The board of a page that shows the run, and asks things of it.
+    pub live: Option<Arc<Live>>,
 }
 
 /// How training ended.

@@ -13,7 +13,9 @@
 //! | [`train`] | the loop: batches, schedules, checkpoints |
 //! | [`render`] | final pictures and the mesh |
 //! | [`run_folder`], [`export`] | where results lie, and how they get there in one piece |
+//! | [`audit`] | what the results say about themselves without ground truth |
 //! | [`report`] | `report.html` |
+//! | [`live`] | the page of a run in progress |
 //! | [`progress`], [`error`] | what a person sees meanwhile; whose fault an error is |
 //!
 //! # Example
@@ -40,6 +42,7 @@
 //! # Ok::<(), sos_train::config::ConfigError>(())
 //! ```
 
+pub mod audit;
 pub mod cli;
 pub mod config;
 pub mod device;
@@ -48,6 +51,7 @@ pub mod doctor;
 pub mod error;
 pub mod export;
 pub mod job;
+pub mod live;
 pub mod memory;
 pub mod prepare;
 pub mod progress;

@@ -3,6 +3,7 @@
 //! On a terminal a bar with the time left; elsewhere, as in a log file, a line every ten seconds;
 //! with `--quiet` nothing. All of it goes to standard error.
 
+use crate::live::Live;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal as _, Write as _};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -34,6 +35,7 @@ pub struct Progress {
     mode: Mode,
     steps: u32,
     training: Mutex<Training>,
+    live: Option<Arc<Live>>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,7 +66,14 @@ impl Progress {
             mode,
             steps,
             training: Mutex::default(),
+            live: None,
         }
+    }
+
+    /// Shows the same on a page.
+    #[must_use]
+    pub fn shown_on(self, live: Option<Arc<Live>>) -> Self {
+        Self { live, ..self }
     }
 
     /// Shows the state of training. The first call tells where a resumed run starts.
@@ -77,9 +86,9 @@ impl Progress {
         }
         parts.push(format!("{} samples/s", short(state.samples_per_second)));
         let (done, total) = (u64::from(state.step), u64::from(self.steps));
-        let meter = training
-            .meter
-            .get_or_insert_with(|| Meter::new(self.mode, "training", done, total));
+        let meter = training.meter.get_or_insert_with(|| {
+            Meter::new(self.mode, "training", done, total, self.live.clone())
+        });
         meter.show(done, &parts);
         if done >= total {
             training.meter = None;
@@ -88,6 +97,9 @@ impl Progress {
 
     /// Says something without disturbing the bar; nothing if quiet.
     pub fn note(&self, text: &str) {
+        if let Some(live) = &self.live {
+            live.note(text);
+        }
         if self.mode != Mode::Silent {
             self.print(text);
         }
@@ -102,7 +114,13 @@ impl Progress {
     #[must_use]
     pub fn stage(&self, label: &str, parts: usize) -> Stage {
         lock(&self.training).meter = None;
-        Stage(Mutex::new(Meter::new(self.mode, label, 0, parts as u64)))
+        Stage(Mutex::new(Meter::new(
+            self.mode,
+            label,
+            0,
+            parts as u64,
+            self.live.clone(),
+        )))
     }
 
     fn print(&self, text: &str) {
@@ -143,10 +161,14 @@ struct Meter {
     total: u64,
     begun: Instant,
     last_line: Option<Instant>,
+    live: Option<Arc<Live>>,
 }
 
 impl Meter {
-    fn new(mode: Mode, label: &str, first: u64, total: u64) -> Self {
+    fn new(mode: Mode, label: &str, first: u64, total: u64, live: Option<Arc<Live>>) -> Self {
+        if let Some(live) = &live {
+            live.stage(label, first, total, None);
+        }
         let bar = if mode == Mode::Bar {
             let target = ProgressDrawTarget::stderr_with_hz(DRAWS_PER_SECOND);
             let bar = ProgressBar::with_draw_target(Some(total), target);
@@ -169,12 +191,16 @@ impl Meter {
             total,
             begun: Instant::now(),
             last_line: None,
+            live,
         }
     }
 
     fn show(&mut self, done: u64, parts: &[String]) {
         self.done = done;
         let left = self.left();
+        if let Some(live) = &self.live {
+            live.stage(&self.label, done, self.total, left.clone());
+        }
         let parts: Vec<&str> = left.iter().chain(parts).map(String::as_str).collect();
         match self.mode {
             Mode::Silent => {}
@@ -320,7 +346,7 @@ mod tests {
 
     #[test]
     fn a_resumed_run_judges_the_time_left_by_this_session() {
-        let mut meter = Meter::new(Mode::Silent, "training", 900, 1000);
+        let mut meter = Meter::new(Mode::Silent, "training", 900, 1000, None);
         assert_eq!(meter.left(), None);
         meter.begun -= Duration::from_secs(10);
         meter.done = 910;

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Folders of one picture per view, with the ending of the files in them.
-const VIEW_FOLDERS: [(&str, &str); 7] = [
+const VIEW_FOLDERS: [(&str, &str); 8] = [
     ("alpha", "png"),
     ("foreground", "png"),
     ("background", "png"),
@@ -26,6 +26,7 @@ const VIEW_FOLDERS: [(&str, &str); 7] = [
     ("normal", "png"),
     ("depth", "exr"),
     ("found_masks", "png"),
+    ("uncertainty", "png"),
 ];
 const CHECKPOINT: &str = "checkpoint";
 const CONFIG: &str = "config.toml";
@@ -243,6 +244,12 @@ impl RunFolder {
     #[must_use]
     pub fn found_masks_dir(&self) -> PathBuf {
         self.root.join("found_masks")
+    }
+
+    /// `uncertainty/`: where mattes should not be relied on, 8-bit grey.
+    #[must_use]
+    pub fn uncertainty_dir(&self) -> PathBuf {
+        self.root.join("uncertainty")
     }
 
     /// `checkpoint/`; while one is saved, `checkpoint.new/` and `checkpoint.old/` may lie beside it.

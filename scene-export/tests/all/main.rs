@@ -11,3 +11,4 @@ mod meshes;
 mod outside_programs;
 mod rig;
 mod tool_masks;
+mod videos;

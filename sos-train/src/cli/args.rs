@@ -54,8 +54,10 @@ pub enum Command {
     Capture(CaptureArgs),
     /// Check a scene before training: coverage, parallax, blur, exposure, masks, expected cost.
     Doctor(DoctorArgs),
-    /// Turn a run's results into what other tools read: EXR layers, OBJ, GLB, COCO, masks.
+    /// Turn a run's results into what other tools read: EXR layers, OBJ, GLB, COCO, masks, videos.
     Export(ExportArgs),
+    /// Draw a run's object all around, or its scene along the photos: frames and videos.
+    Render(RenderArgs),
     /// Score a run against ground truth and print a table.
     Eval(EvalArgs),
     /// Score several runs, or folders of any system's masks, against the same truth.
@@ -146,6 +148,15 @@ pub struct TrainArgs {
     /// Train even where a check of the scene fails (sos doctor shows them).
     #[arg(long)]
     pub skip_checks: bool,
+    /// Show the run on a page of this machine, at any port or this one, with buttons to pause and stop it.
+    #[arg(
+        long,
+        value_name = "PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "0"
+    )]
+    pub view: Option<u16>,
     /// Print nothing but errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,
@@ -235,7 +246,7 @@ pub struct DoctorArgs {
 pub struct ExportArgs {
     /// Run folder.
     pub run: PathBuf,
-    /// Format: exr, obj, glb, coco, colmap-scene, alpha8 or premultiplied.
+    /// Format: exr, obj, glb, coco, colmap-scene, alpha8, premultiplied or video.
     #[arg(long, value_name = "FORMAT")]
     pub to: Option<scene_export::Target>,
     /// Masks in the conventions of colmap, nerfstudio, brush, instant-ngp, neus or spin-nerf.
@@ -250,7 +261,37 @@ pub struct ExportArgs {
     /// COCO's run lengths as plain numbers instead of packed text.
     #[arg(long, requires = "to")]
     pub plain_rle: bool,
+    /// Frames a second of videos [default: 12].
+    #[arg(long, value_name = "N", requires = "to", value_parser = clap::value_parser!(u32).range(1..=240))]
+    pub fps: Option<u32>,
     /// Replace an earlier export.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `sos render`.
+#[derive(Debug, Clone, Args)]
+#[group(skip)]
+#[command(group = ArgGroup::new("cameras").required(true).args(["turntable", "path"]))]
+pub struct RenderArgs {
+    /// Run folder, with its checkpoint.
+    pub run: PathBuf,
+    /// The object alone, from N places all around it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub turntable: Option<u32>,
+    /// The scene, and the scene without the object, from N places along the way of the photos.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub path: Option<u32>,
+    /// Longer side of the pictures in pixels.
+    #[arg(long, value_name = "PIXELS", default_value_t = 480, value_parser = clap::value_parser!(u32).range(16..=8192))]
+    pub size: u32,
+    /// Frames a second of videos.
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=240))]
+    pub fps: u32,
+    /// Folder to create [default: RUN/render/turntable or path].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Replace earlier frames.
     #[arg(long)]
     pub force: bool,
 }

@@ -1,9 +1,10 @@
 //! `sos eval` and `sos report`.
 
 use super::{CompareArgs, EvalArgs, ReportArgs, answer};
+use crate::audit::{Metrics, audit};
 use crate::report::{ReportInputs, comparison_page, write_report};
-use crate::run_folder::{RunError, RunFolder, write_whole};
-use sos_eval::{Contender, Report, compare_contenders};
+use crate::run_folder::{RunFolder, write_whole};
+use sos_eval::{Contender, compare_contenders};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -20,7 +21,11 @@ pub(super) fn eval(args: &EvalArgs) -> anyhow::Result<()> {
         report.table(WORST)
     });
     if let Ok(run) = RunFolder::open_existing(&args.run) {
-        write_metrics(&run, &report)?;
+        Metrics {
+            scores: Some(report),
+            ..Metrics::read(&run)
+        }
+        .write(&run)?;
         if run.report_path().is_file() {
             // The scores are there all the same if, say, the photos have moved.
             match make_report(&run, Some(&args.gt)) {
@@ -67,8 +72,15 @@ pub(super) fn report(args: &ReportArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn make_report(run: &RunFolder, gt: Option<&Path>) -> anyhow::Result<()> {
+/// Audits a run and makes its report; the audit goes into `metrics.json`.
+pub(super) fn make_report(run: &RunFolder, gt: Option<&Path>) -> anyhow::Result<()> {
     let mut inputs = ReportInputs::gather(run)?;
+    inputs.audit = Some(audit(run, &inputs.scene, inputs.masks.as_ref())?);
+    Metrics {
+        scores: inputs.metrics.clone(),
+        audit: inputs.audit.clone(),
+    }
+    .write(run)?;
     if let Some(gt) = gt {
         inputs.reference = Some(mattes_in(gt));
     }
@@ -83,12 +95,4 @@ fn mattes_in(gt: &Path) -> PathBuf {
     } else {
         gt.to_path_buf()
     }
-}
-
-/// Writes `metrics.json`.
-pub(super) fn write_metrics(run: &RunFolder, report: &Report) -> Result<(), RunError> {
-    run.write(&run.metrics_path(), |out| {
-        serde_json::to_writer_pretty(&mut *out, report)?;
-        writeln!(out)
-    })
 }

@@ -20,6 +20,7 @@ pub(super) fn export(args: &ExportArgs) -> anyhow::Result<()> {
         } else {
             RunLengths::Packed
         },
+        rate: args.fps,
     };
     // The command line has one of the two.
     for product in products {

@@ -4,13 +4,14 @@ use super::capture::{capture_for_run, source_without_poses};
 use super::import::{Imported, import_for_run, is_ready};
 use super::input::{Plan, Source, generate_demo, mask_folder, owns_scene, record_input};
 use super::{TrainArgs, answer, evaluate, program};
+use crate::audit::Metrics;
 use crate::config::{MaskPolarity, RunRecord};
 use crate::discover::Hint;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK};
 use crate::export::check_names;
 use crate::job::{Checks, TrainJob, TrainOutcome};
+use crate::live::{Live, LiveError, LiveServer};
 use crate::progress::{AtInterrupt, Progress, watch_interrupt};
-use crate::report::{ReportInputs, write_report};
 use crate::run_folder::{Existing, RunError, RunFolder};
 use io_colmap::{MaskSet, Scene};
 use std::io::Write as _;
@@ -223,6 +224,8 @@ fn start(
         Source::Folder(scene) => scene,
         Source::Demo => ready.scene_dir.clone(),
     };
+    let live = args.view.map(|port| show(port, &ready.run, &interrupt));
+    let (live, _server) = live.transpose()?.unzip();
     crate::train::run(&TrainJob {
         config: plan.config,
         given,
@@ -246,7 +249,28 @@ fn start(
         resume: args.resume,
         quiet: args.quiet,
         interrupt,
+        live,
     })
+}
+
+/// Opens the page of a run, and says where; port 0 is any.
+fn show(
+    port: u16,
+    run: &RunFolder,
+    interrupt: &Arc<AtomicBool>,
+) -> Result<(Arc<Live>, LiveServer), LiveError> {
+    let live = Arc::new(Live::new(
+        run.root().display().to_string(),
+        Arc::clone(interrupt),
+    ));
+    let server = LiveServer::start(Arc::clone(&live), (port > 0).then_some(port))?;
+    // Asked for, and so said even if all else is quiet.
+    let _ = writeln!(
+        std::io::stderr(),
+        "the run is shown at {}",
+        server.address()
+    );
+    Ok((live, server))
 }
 
 /// Scores a run of the demo, writes the report, says where everything is.
@@ -254,10 +278,14 @@ fn finish(run: &RunFolder, demo: bool, screen: &Progress) -> anyhow::Result<()> 
     if demo {
         let scene = run.scene_dir();
         let report = sos_eval::run_eval(run.root(), &scene, Some(&scene.join("coarse_masks")))?;
-        evaluate::write_metrics(run, &report)?;
         screen.note(&report.to_string());
+        let metrics = Metrics {
+            scores: Some(report),
+            audit: None,
+        };
+        metrics.write(run)?;
     }
-    write_report(run, &ReportInputs::gather(run)?)?;
+    evaluate::make_report(run, None)?;
     answer(&format!(
         "everything is in {}; start with report.html",
         run.root().display()

@@ -9,6 +9,7 @@
 //! | `normal/*.png` | unit normals of the world frame, RGB = (n + 1) / 2; black where there is none |
 //! | `depth/*.exr` | 32-bit float channel `Z`, along the optical axis in scene units; 0 where nothing is |
 //! | `found_masks/*.png` | rough masks that the run found by itself, 8-bit grey, white is the object |
+//! | `uncertainty/*.png` | where a matte should not be relied on, 8-bit grey, linear; 0 is sure |
 //! | `mesh.ply` | the object's surface in the scene's frame, with normals and vertex colours |
 //! | `log.jsonl` | one JSON object per line: [`LogRecord`]s and events |
 //!
@@ -23,7 +24,7 @@ mod view;
 pub use log::{LogRecord, TrainLog, read_log};
 pub use mesh::{WorldMesh, write_mesh};
 pub use picture::write_preview;
-pub use view::{ViewRender, check_names, write_found_mask, write_view};
+pub use view::{ViewRender, check_names, write_found_mask, write_uncertainty, write_view};
 
 use crate::run_folder::RunError;
 

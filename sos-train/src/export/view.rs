@@ -21,6 +21,7 @@ const BACKGROUND: &str = "the scene without the object";
 const SEEN: &str = "number of views that saw what the background picture shows";
 const NORMAL: &str = "unit normal in the world frame, (n + 1) / 2; black: no surface";
 const FOUND_MASK: &str = "rough mask found without help; white is the object";
+const UNCERTAINTY: &str = "how uncertain the matte is, linear; 0: sure, 255: not at all";
 const DEPTH: &str = "Z: depth along the optical axis in scene units; 0: nothing there";
 
 /// The final render of one view. All vectors have `width * height` entries, rows from the top.
@@ -125,16 +126,34 @@ pub fn write_view(run: &RunFolder, view: &ViewRender) -> Result<(), ExportError>
 /// # Errors
 /// [`ExportError::Run`] naming the file that could not be written.
 pub fn write_found_mask(run: &RunFolder, name: &str, mask: &GrayImage) -> Result<(), ExportError> {
+    write_grey(run, &run.found_masks_dir(), name, mask, FOUND_MASK)
+}
+
+/// Writes where a view's matte should not be relied on.
+///
+/// # Errors
+/// [`ExportError::Run`] naming the file that could not be written.
+pub fn write_uncertainty(run: &RunFolder, name: &str, grey: &GrayImage) -> Result<(), ExportError> {
+    write_grey(run, &run.uncertainty_dir(), name, grey, UNCERTAINTY)
+}
+
+fn write_grey(
+    run: &RunFolder,
+    folder: &Path,
+    name: &str,
+    grey: &GrayImage,
+    remark: &str,
+) -> Result<(), ExportError> {
     Picture {
-        width: mask.width(),
-        height: mask.height(),
+        width: grey.width(),
+        height: grey.height(),
         kind: ColorType::Grayscale,
         depth: BitDepth::Eight,
         meaning: Meaning::Data,
-        remark: FOUND_MASK,
-        bytes: mask.as_raw(),
+        remark,
+        bytes: grey.as_raw(),
     }
-    .write(run, &view_file(&run.found_masks_dir(), name, "png"))
+    .write(run, &view_file(folder, name, "png"))
 }
 
 /// Checks that no two photos would write to the same files.

@@ -1,7 +1,11 @@
-//! Final pictures: mattes, cut-outs, plates, normals, depth and the mesh of a trained scene.
+//! Final pictures: mattes, cut-outs, plates, normals, depth and the mesh of a trained scene;
+//! and pictures from where no photo was taken.
 
+pub mod frame;
 pub mod mesh;
+pub mod path;
 pub mod preview;
 pub mod rays;
 pub mod survey;
+pub mod trained;
 pub mod view;

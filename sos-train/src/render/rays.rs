@@ -47,6 +47,8 @@ pub struct RenderedRay {
     pub object: Vec3,
     /// The scene's colour without the object.
     pub background: Vec3,
+    /// Opacity of the object alone.
+    pub object_opacity: f32,
     /// Opacity of the background alone.
     pub background_opacity: f32,
     /// Distance along the ray to the object, in the normalised frame; 0 where there is none.
@@ -83,6 +85,20 @@ impl FrozenScene {
             .map_init(BatchMarcher::default, |marcher, chunk| {
                 let marched = self.march(chunk, marcher, Extent::All);
                 let look = self.fields.look(&marched, &self.config, 1.0, |_| true);
+                self.render_marched(&marched, &look)
+            })
+            .flatten_iter()
+            .collect()
+    }
+
+    /// What `rays` meet of the object, as if nothing else were there: what is said of the background is
+    /// nothing.
+    #[must_use]
+    pub fn objects(&self, rays: &[Ray]) -> Vec<RenderedRay> {
+        rays.par_chunks(CHUNK)
+            .map_init(BatchMarcher::default, |marcher, chunk| {
+                let marched = self.march(chunk, marcher, Extent::Object);
+                let look = self.fields.look(&marched, &self.config, 1.0, |_| false);
                 self.render_marched(&marched, &look)
             })
             .flatten_iter()
@@ -339,6 +355,7 @@ fn of_fields(row: &[f32], background_distance: f32) -> RenderedRay {
     RenderedRay {
         object: colour(column::OBJECT_COLOUR, opacity),
         background: colour(column::BACKGROUND_COLOUR, row[column::BACKGROUND_OPACITY]),
+        object_opacity: opacity,
         background_opacity: row[column::BACKGROUND_OPACITY],
         object_distance: distance(row[column::OBJECT_DEPTH], opacity),
         background_distance,

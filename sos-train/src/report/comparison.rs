@@ -9,8 +9,8 @@ use sos_eval::{Comparison, Contender, mattes_by_view};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Width of a thumbnail in pixels.
-const WIDTH: u32 = 320;
+/// Pixels of a thumbnail.
+const ROOM: u32 = 320 * 240;
 
 /// The whole document, with nothing outside it.
 ///
@@ -45,7 +45,7 @@ pub fn comparison_page(
                     row.push_str("<td>none</td>");
                     continue;
                 };
-                let matte = thumbnail::matte(&matte_of(&thumbnail::open(path)?), WIDTH);
+                let matte = thumbnail::matte(&matte_of(&thumbnail::open(path)?), ROOM);
                 let _ = write!(
                     row,
                     "<td><img src=\"{}\" width=\"{}\" height=\"{}\" loading=\"lazy\" alt=\"\">",

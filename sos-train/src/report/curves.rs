@@ -31,7 +31,7 @@ struct Curve {
 }
 
 /// All plots that the log has something for, each a `<figure>`.
-pub(super) fn plots(log: &[Map<String, Value>]) -> String {
+pub(crate) fn plots(log: &[Map<String, Value>]) -> String {
     let records: Vec<&Map<String, Value>> = log
         .iter()
         .filter(|line| !line.contains_key("event"))

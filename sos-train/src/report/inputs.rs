@@ -1,13 +1,14 @@
 //! What a report is made of.
 
 use super::ReportError;
+use crate::audit::{Metrics, RunAudit};
 use crate::config::{MaskPolarity, RunRecord, TrainConfig, Versions};
 use crate::export::read_log;
 use crate::run_folder::{RunError, RunFolder};
 use io_colmap::{MaskSet, Scene};
 use serde_json::{Map, Value};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Everything a report shows, apart from the pictures.
 #[derive(Debug, Clone)]
@@ -30,6 +31,8 @@ pub struct ReportInputs {
     pub log: Vec<Map<String, Value>>,
     /// The run's scores, if it was evaluated.
     pub metrics: Option<sos_eval::Report>,
+    /// What the results say about themselves, if they were asked.
+    pub audit: Option<RunAudit>,
 }
 
 impl ReportInputs {
@@ -78,6 +81,7 @@ impl ReportInputs {
             .map(|dir| MaskSet::find(dir, &scene, polarity.map(MaskPolarity::into)))
             .transpose()?;
         let log = read_log(run)?;
+        let Metrics { scores, audit } = Metrics::read(run);
         Ok(Self {
             title: if input.demo {
                 "Demo scene".to_owned()
@@ -95,7 +99,8 @@ impl ReportInputs {
             scene,
             masks,
             log,
-            metrics: read_metrics(&run.metrics_path()),
+            metrics: scores,
+            audit,
         })
     }
 }
@@ -119,9 +124,4 @@ fn notes(scene: &Scene, masks: Option<&MaskSet>, log: &[Map<String, Value>]) -> 
         }
     }
     notes
-}
-
-/// Scores are an extra: a file that is not there or not theirs is none.
-fn read_metrics(path: &Path) -> Option<sos_eval::Report> {
-    serde_json::from_slice(&fs::read(path).ok()?).ok()
 }

@@ -1,20 +1,29 @@
 //! `report.html`: one page that shows what a run did, to be looked at, kept and sent around.
 //!
-//! It needs nothing but itself: pictures are thumbnails inside the page, curves are drawn in it.
+//! It needs nothing but itself: pictures are thumbnails inside the page, curves are drawn in it, and so
+//! is the mesh, made small. Sliders, the large view and the mesh are two small scripts (`stage.js`,
+//! `viewer.js`); without them, or without WebGL, the rest is there all the same. When a script is up it
+//! says so in `data-ready` of the document's root, and what goes wrong is in `data-errors`.
 //! Everything comes from the run's folder and the scene's photos and masks, so that the page can be
 //! made again at any time. A thumbnail of the run's own results leads to the file at full size, as
 //! long as page and files lie together.
 
+mod audited;
 mod comparison;
 mod curves;
 mod inputs;
+mod mesh;
 mod page;
 mod thumbnail;
 mod views;
 
 pub use comparison::comparison_page;
+pub(crate) use curves::plots;
 pub use inputs::ReportInputs;
+pub(crate) use page::STYLE;
+pub(crate) use thumbnail::{jpeg_bytes, open as open_picture};
 
+use crate::export::ExportError;
 use crate::run_folder::{RunError, RunFolder};
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -25,6 +34,9 @@ pub enum ReportError {
     /// The run's folder.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// A picture that belongs to the report but lies beside it.
+    #[error(transparent)]
+    Export(#[from] ExportError),
     /// The run's configuration.
     #[error("{}: {reason}", path.display())]
     Config {
@@ -55,7 +67,11 @@ pub enum ReportError {
 /// [`ReportError`] if a picture cannot be read or the page cannot be written.
 pub fn write_report(run: &RunFolder, inputs: &ReportInputs) -> Result<(), ReportError> {
     let rows = views::rows(run, inputs)?;
-    let page = page::page(inputs, &rows);
+    // Where no surface was found there is no mesh, and the page does without.
+    let mesh = scene_export::Mesh::of_run(run.root())
+        .ok()
+        .and_then(|mesh| mesh::packed(&mesh, &inputs.scene.model.views));
+    let page = page::page(inputs, &rows, mesh.as_ref());
     run.write(&run.report_path(), |out| out.write_all(page.as_bytes()))?;
     Ok(())
 }

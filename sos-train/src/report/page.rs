@@ -1,7 +1,9 @@
 //! The page itself.
 
 use super::ReportInputs;
+use super::audited;
 use super::curves::plots;
+use super::mesh::PackedMesh;
 use super::views::{Cell, Row, columns};
 use crate::progress::duration;
 use serde_json::{Map, Value};
@@ -9,21 +11,30 @@ use sos_eval::AlphaScore;
 use std::fmt::Write as _;
 use std::time::Duration;
 
-pub(super) const STYLE: &str = include_str!("style.css");
+pub(crate) const STYLE: &str = include_str!("style.css");
+/// Faults are collected where a test, or a person with the page's source, finds them.
+const WATCH: &str = "addEventListener('error',e=>{const d=document.documentElement.dataset;\
+                     d.errors=(d.errors||'')+e.message+' at line '+e.lineno+'; '});";
+/// Sliders and the large view.
+const STAGE: &str = include_str!("stage.js");
+/// The mesh.
+const VIEWER: &str = include_str!("viewer.js");
 /// Views listed as the worst.
 const WORST: usize = 5;
 
 /// The whole document.
-pub(super) fn page(inputs: &ReportInputs, rows: &[Row]) -> String {
+pub(super) fn page(inputs: &ReportInputs, rows: &[Row], mesh: Option<&PackedMesh>) -> String {
     let title = escape(&inputs.title);
     let mut html = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n<title>{title} – sos</title>\n\
-         <style>\n{STYLE}</style>\n</head>\n<body>\n<header>\n<h1>{title}</h1>\n{}</header>\n",
+         <style>\n{STYLE}</style>\n<script>{WATCH}</script>\n</head>\n<body>\n<header>\n<h1>{title}</h1>\n{}</header>\n",
         facts(inputs)
     );
     html.push_str(&tiles(inputs));
+    html.push_str(&looks(mesh));
+    html.push_str(&audited::section(inputs, rows));
     html.push_str(&scores(inputs, rows));
     let curves = plots(&inputs.log);
     if !curves.is_empty() {
@@ -41,7 +52,31 @@ pub(super) fn page(inputs: &ReportInputs, rows: &[Row]) -> String {
         html.push_str("</ul>\n");
     }
     html.push_str(&views(inputs, rows));
-    html.push_str("</body>\n</html>\n");
+    let _ = write!(
+        html,
+        "<script>\n{STAGE}</script>\n<script>\n{VIEWER}</script>\n</body>\n</html>\n"
+    );
+    html
+}
+
+/// Where the scripts put the pair of pictures to compare and the mesh.
+fn looks(mesh: Option<&PackedMesh>) -> String {
+    let mut html = String::from(
+        "<div class=\"looks\">\n<section id=\"compare\" class=\"panel\" hidden></section>\n",
+    );
+    if let Some(mesh) = mesh {
+        let _ = writeln!(
+            html,
+            "<section id=\"viewer\" class=\"panel\" data-vertices=\"{}\" data-triangles=\"{}\" \
+             data-low=\"{}\" data-high=\"{}\"><script type=\"text/plain\" id=\"mesh\">{}</script></section>",
+            mesh.vertices,
+            mesh.triangles,
+            mesh.low.to_array().map(|v| v.to_string()).join(" "),
+            mesh.high.to_array().map(|v| v.to_string()).join(" "),
+            mesh.base64
+        );
+    }
+    html.push_str("</div>\n");
     html
 }
 
@@ -92,6 +127,16 @@ fn tiles(inputs: &ReportInputs) -> String {
                 "mesh distance, of the object's size".to_owned(),
             ));
         }
+    }
+    let audit = inputs.audit.as_ref();
+    if let Some((audit, consistency)) = audit.and_then(|audit| Some((audit, audit.consistency?))) {
+        let was = audit.mask_consistency.map_or(String::new(), |start| {
+            format!(", coarse masks {:.1} %", 100.0 * start)
+        });
+        tiles.push((
+            format!("{:.2} %", 100.0 * consistency),
+            format!("of looks between views agree{was}"),
+        ));
     }
     if let Some(psnr) = last(&inputs.log, "psnr").and_then(Value::as_f64) {
         tiles.push((format!("{psnr:.1} dB"), "PSNR of training rays".to_owned()));
@@ -167,7 +212,7 @@ fn names_match(stem: &str, scored: &str) -> bool {
 fn views(inputs: &ReportInputs, rows: &[Row]) -> String {
     let columns = columns(inputs);
     let mut html = format!(
-        "<h2>Views</h2>\n<div class=\"views\" style=\"--columns:{}\">\n",
+        "<h2 id=\"views\">Views</h2>\n<div class=\"views\" style=\"--columns:{}\">\n",
         columns.len()
     );
     html.push_str("<div class=\"row head\">");
@@ -184,9 +229,15 @@ fn views(inputs: &ReportInputs, rows: &[Row]) -> String {
             .map_or(String::new(), |view| {
                 format!(" <em>IoU {:.3}</em>", view.score.iou)
             });
+        let audited = inputs.audit.iter().find_map(|audit| audit.view(&row.name));
+        let consistent = audited
+            .and_then(|view| view.consistency)
+            .map_or(String::new(), |share| {
+                format!(" <em>consistency {:.2} %</em>", 100.0 * share)
+            });
         let _ = writeln!(
             html,
-            "<section id=\"v{number}\"><h3>{}{iou}</h3>\n<div class=\"row\">",
+            "<section id=\"v{number}\"><h3>{}{iou}{consistent}</h3>\n<div class=\"row\">",
             escape(&row.name)
         );
         for (cell, column) in row.cells.iter().zip(&columns) {
@@ -205,7 +256,7 @@ fn picture(cell: Option<&Cell>, column: &str, name: &str) -> String {
         );
     };
     let image = format!(
-        "<img src=\"{}\" width=\"{}\" height=\"{}\" alt=\"{column} of {}\">",
+        "<img src=\"{}\" width=\"{}\" height=\"{}\" loading=\"lazy\" alt=\"{column} of {}\">",
         picture.uri,
         picture.width,
         picture.height,

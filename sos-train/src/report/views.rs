@@ -7,10 +7,15 @@ use image::{DynamicImage, GrayImage};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Widths of thumbnails in pixels: for few views, and for so many that the page would be heavy.
-const WIDE: u32 = 480;
-const NARROW: u32 = 360;
-const MANY_VIEWS: usize = 40;
+/// Pixels of one thumbnail, at most and at least: shared out among the views, so that the page of a
+/// hundred views is not ten times as heavy as that of ten.
+const ROOM: std::ops::RangeInclusive<usize> = 16_000..=150_000;
+/// Pixels of the thumbnails of one column together.
+const ROOM_IN_ALL: usize = 6_000_000;
+/// Views whose start mask is shown beside what became of it.
+const AUDITED: usize = 12;
+/// From this overlap on, mask and matte differ by their edges alone, which needs no picture.
+const SAME: f64 = 0.97;
 
 /// A row of the page.
 #[derive(Debug)]
@@ -21,6 +26,8 @@ pub(super) struct Row {
     pub(super) stem: String,
     /// In the order of the columns; `None` where there is no picture.
     pub(super) cells: Vec<Option<Cell>>,
+    /// What the run changed about the start mask, for the views in which that is most.
+    pub(super) change: Option<Thumbnail>,
 }
 
 /// A picture of a row.
@@ -33,27 +40,46 @@ pub(super) struct Cell {
 
 /// Captions of the columns.
 pub(super) fn columns(inputs: &ReportInputs) -> Vec<&'static str> {
-    let mut columns = vec!["photo", "coarse mask", "alpha", "cut-out", "plate"];
-    if inputs.masks.is_none() {
-        columns.remove(1);
+    let mut columns = vec!["photo"];
+    if inputs.masks.is_some() {
+        columns.push("coarse mask");
     }
+    columns.push("alpha");
     if inputs.reference.is_some() {
-        columns.insert(columns.len() - 2, "reference alpha");
+        columns.push("reference alpha");
+    }
+    columns.extend(["cut-out", "plate"]);
+    if inputs.audit.is_some() {
+        columns.push("uncertainty");
     }
     columns
 }
 
+/// Numbers of the views whose matte differs most from the start mask, worst first.
+pub(super) fn most_changed(inputs: &ReportInputs) -> Vec<usize> {
+    let Some(audit) = &inputs.audit else {
+        return Vec::new();
+    };
+    let views = &inputs.scene.model.views;
+    let mut ranked: Vec<(usize, f64)> = views
+        .iter()
+        .enumerate()
+        .filter_map(|(i, view)| Some((i, audit.view(&view.name)?.mask_iou?)))
+        .filter(|(_, iou)| *iou < SAME)
+        .collect();
+    ranked.sort_by(|a, b| a.1.total_cmp(&b.1));
+    ranked.truncate(AUDITED);
+    ranked.into_iter().map(|(i, _)| i).collect()
+}
+
 /// Makes all thumbnails.
 pub(super) fn rows(run: &RunFolder, inputs: &ReportInputs) -> Result<Vec<Row>, ReportError> {
-    let views = &inputs.scene.model.views;
-    let width = if views.len() > MANY_VIEWS {
-        NARROW
-    } else {
-        WIDE
-    };
-    (0..views.len())
+    let count = inputs.scene.model.views.len();
+    let room = (ROOM_IN_ALL / count.max(1)).clamp(*ROOM.start(), *ROOM.end()) as u32;
+    let changed = most_changed(inputs);
+    (0..count)
         .into_par_iter()
-        .map(|index| row(run, inputs, index, width))
+        .map(|index| row(run, inputs, index, room, changed.contains(&index)))
         .collect()
 }
 
@@ -61,34 +87,41 @@ fn row(
     run: &RunFolder,
     inputs: &ReportInputs,
     index: usize,
-    width: u32,
+    room: u32,
+    changed: bool,
 ) -> Result<Row, ReportError> {
     let view = &inputs.scene.model.views[index];
     let photo = inputs.scene.read_photo(view)?;
     let (w, h) = (photo.width(), photo.height());
     let own = |dir: PathBuf, small: fn(&DynamicImage, u32) -> Thumbnail| {
-        own_picture(run, &dir, &view.name, |picture| small(picture, width))
+        own_picture(run, &dir, &view.name, |picture| small(picture, room))
     };
     let grey: fn(&DynamicImage, u32) -> Thumbnail =
-        |picture, width| thumbnail::matte(&picture.to_luma8(), width);
+        |picture, room| thumbnail::matte(&picture.to_luma8(), room);
 
     let mut cells = vec![Some(Cell {
-        picture: thumbnail::photo(&photo, width),
-        file: None,
+        picture: thumbnail::photo(&photo, room),
+        file: below(run, &inputs.scene.image_path(view)),
     })];
-    drop(photo);
+    let mut change = None;
     if let Some(masks) = &inputs.masks {
         let mask: Option<GrayImage> = masks.load(index, w, h)?;
+        if let (true, Some(mask)) = (changed, &mask) {
+            let matte = thumbnail::open(&view_file(&run.alpha_dir(), &view.name, "png"))?;
+            let (photo, matte) = (photo.to_rgb8(), matte.to_luma8());
+            change = Some(thumbnail::change(&photo, mask, &matte, room));
+        }
         cells.push(mask.map(|mask| Cell {
-            picture: thumbnail::matte(&mask, width),
+            picture: thumbnail::matte(&mask, room),
             file: None,
         }));
     }
+    drop(photo);
     cells.push(own(run.alpha_dir(), grey)?);
     if let Some(dir) = &inputs.reference {
         cells.push(match reference(dir, &view.name) {
             Some(path) => Some(Cell {
-                picture: thumbnail::matte(&matte_of(&thumbnail::open(&path)?), width),
+                picture: thumbnail::matte(&matte_of(&thumbnail::open(&path)?), room),
                 file: None,
             }),
             None => None,
@@ -96,6 +129,11 @@ fn row(
     }
     cells.push(own(run.foreground_dir(), thumbnail::cut_out)?);
     cells.push(own(run.background_dir(), thumbnail::photo)?);
+    if inputs.audit.is_some() {
+        cells.push(own(run.uncertainty_dir(), |picture, room| {
+            thumbnail::heat(&picture.to_luma8(), room)
+        })?);
+    }
     Ok(Row {
         name: view.name.clone(),
         stem: view_file(Path::new(""), &view.name, "png")
@@ -103,6 +141,7 @@ fn row(
             .display()
             .to_string(),
         cells,
+        change,
     })
 }
 
@@ -117,17 +156,18 @@ fn own_picture(
     if !path.is_file() {
         return Ok(None);
     }
-    let file = path.strip_prefix(run.root()).ok().map(|below| {
-        below
-            .components()
-            .map(|part| part.as_os_str().to_string_lossy().into_owned())
-            .collect::<Vec<_>>()
-            .join("/")
-    });
     Ok(Some(Cell {
         picture: small(&thumbnail::open(&path)?),
-        file,
+        file: below(run, &path),
     }))
+}
+
+/// A file's path as seen from the page; `None` if it does not lie in the run's folder.
+fn below(run: &RunFolder, path: &Path) -> Option<String> {
+    let below = path.strip_prefix(run.root()).ok()?;
+    let parts = below.components();
+    let parts = parts.map(|part| part.as_os_str().to_string_lossy().into_owned());
+    Some(parts.collect::<Vec<_>>().join("/"))
 }
 
 /// A reference has the photo's stem, with or without its sub-folders, and one of the usual endings.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use io_colmap::{MaskSet, Polarity};
@@ -14,8 +14,9 @@ use super::sampler::Sampler;
 use crate::config::TrainConfig;
 use crate::discover::{Hint, find_object};
 use crate::doctor::admission::{Admission, admit};
-use crate::export::{LogRecord, TrainLog, write_found_mask, write_mesh, write_view};
+use crate::export::{LogRecord, TrainLog, read_log, write_found_mask, write_mesh, write_view};
 use crate::job::{Checks, TrainJob, TrainOutcome};
+use crate::live::{LiveView, Wish, attend};
 use crate::prepare::error::PrepareError;
 use crate::prepare::view::load_views;
 use crate::prepare::{MaskConsensus, Prepared, TrainView, prepare, prepare_with};
@@ -43,7 +44,7 @@ const PROBES: usize = 1024;
 /// When the input does not work, the run folder cannot be written, or training diverges.
 pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     let started = Instant::now();
-    let progress = Progress::new(job.quiet, job.config.steps);
+    let progress = Progress::new(job.quiet, job.config.steps).shown_on(job.live.clone());
     let mut log = None;
     for note in job
         .scene
@@ -97,6 +98,16 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         }
     };
 
+    if let Some(live) = &job.live {
+        let view = |view: &TrainView| LiveView {
+            name: view.name.clone(),
+            width: view.width(),
+            height: view.height(),
+            masked: view.mask.is_some(),
+        };
+        let views = data.views.iter().map(view).collect();
+        live.introduce(views, job.config.steps, read_log(&job.run)?);
+    }
     let outcome = train(
         job,
         &mut trainer,
@@ -243,6 +254,8 @@ fn train(
     let mut probes = Probes::new(data, config);
     let (mut since, mut samples, mut mse, mut steps) = (Instant::now(), 0usize, 0.0, 0u32);
     let mut restores = 0;
+    // Time in which the run was paused.
+    let mut paused = Duration::ZERO;
     while trainer.step_number() < config.steps {
         let report = trainer.step(data);
         let step = trainer.step_number();
@@ -267,6 +280,13 @@ fn train(
         samples += report.object_samples + report.background_samples;
         mse += report.losses.mse;
         steps += 1;
+        let mut finish = false;
+        if let Some(live) = &job.live {
+            let (waited, wish) = attend(live, trainer, data);
+            paused += waited;
+            since += waited;
+            finish = wish == Wish::Finish;
+        }
         let interrupted = job.interrupt.load(Ordering::Relaxed);
         if step.is_multiple_of(LOG_EVERY) || step == config.steps {
             let seconds = since.elapsed().as_secs_f64();
@@ -277,9 +297,9 @@ fn train(
             let rate = (samples as f64 / seconds) as f32;
             let [b, b_background] = trainer.sharpness();
             let losses = &report.losses;
-            log.record(&LogRecord {
+            let record = LogRecord {
                 step,
-                seconds: earlier_seconds + started.elapsed().as_secs_f64(),
+                seconds: earlier_seconds + (started.elapsed() - paused).as_secs_f64(),
                 psnr,
                 sharpness: b,
                 sharpness_background: Some(b_background),
@@ -301,7 +321,11 @@ fn train(
                     ("far".to_owned(), losses.far),
                     ("hidden".to_owned(), losses.hidden),
                 ]),
-            })?;
+            };
+            log.record(&record)?;
+            if let Some(live) = &job.live {
+                live.record(&record);
+            }
             progress.update(&ProgressState {
                 step,
                 psnr,
@@ -313,13 +337,22 @@ fn train(
         if step.is_multiple_of(config.export.preview_every) && step < config.steps {
             preview::write(&job.run, &trainer.freeze(), data)?;
         }
-        let seconds = earlier_seconds + started.elapsed().as_secs_f64();
+        let seconds = earlier_seconds + (started.elapsed() - paused).as_secs_f64();
         if interrupted {
             trainer.save(&job.run, seconds)?;
             return Ok(TrainOutcome::Interrupted { step });
         }
         if step.is_multiple_of(config.export.checkpoint_every) || step == config.steps {
             trainer.save(&job.run, seconds)?;
+        } else if finish {
+            trainer.save(&job.run, seconds)?;
+            let text = format!(
+                "ended early, at step {step} of {}; --resume goes on from there",
+                config.steps
+            );
+            progress.note(&text);
+            log.note(step, &text)?;
+            break;
         }
     }
     Ok(TrainOutcome::Finished)

@@ -91,6 +91,9 @@ fn the_command_line_itself_can_be_wrong() {
         &["train", "--box", "1,1,1,0,0,0"],
         &["train", "--box", "0,0,0,1,1,1", "--click", "a.jpg:1,2"],
         &["eval", "run"],
+        &["render", "run"],
+        &["render", "run", "--path", "0"],
+        &["export", "run", "--masks-for", "neus", "--fps", "12"],
     ] {
         assert_eq!(
             sos(dir.path(), arguments).status.code(),
@@ -252,6 +255,18 @@ fn evaluation_prints_a_table_or_json_and_keeps_the_scores() {
 }
 
 #[test]
+fn a_run_without_a_checkpoint_is_not_drawn() {
+    let dir = tempfile::tempdir().unwrap();
+    let (_, run) = crate::fabricated::run(dir.path(), true);
+    refused(
+        dir.path(),
+        &["render", run.root().to_str().unwrap(), "--turntable", "4"],
+        &["no checkpoint"],
+    );
+    assert!(!run.root().join("render").join("turntable").exists());
+}
+
+#[test]
 fn the_visual_hull_is_written_and_compared() {
     let dir = tempfile::tempdir().unwrap();
     tiny_scene(&dir.path().join("scene"));
@@ -300,4 +315,30 @@ fn the_visual_hull_is_written_and_compared() {
         &["compare", "--gt", "scene", "nowhere"],
         &["nowhere"],
     );
+}
+
+#[test]
+fn documented_commands_are_understood() {
+    use clap::Parser as _;
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut count = 0;
+    for name in ["README.md", "sos-train/README.md", "docs/tutorial.md"] {
+        let document = fs::read_to_string(root.join(name)).unwrap();
+        let blocks = document.split("```").skip(1).step_by(2);
+        for line in blocks.flat_map(str::lines) {
+            // Neither comments nor where the shell sends the output.
+            let command = line.split(['#', '>', '|']).next().unwrap_or_default().trim();
+            let words = match command.strip_prefix("cargo xtask sos ") {
+                Some(arguments) => format!("sos {arguments}"),
+                None => command.to_owned(),
+            };
+            if !words.starts_with("sos ") {
+                continue;
+            }
+            count += 1;
+            let parsed = sos_train::cli::Sos::try_parse_from(words.split_whitespace());
+            assert!(parsed.is_ok(), "{name}: {command}");
+        }
+    }
+    assert!(count > 15, "{count}");
 }

@@ -103,4 +103,45 @@ fn ctrl_c_saves_and_resume_finishes() {
         .collect();
     assert!(steps.is_sorted_by(|a, b| a < b), "{steps:?}");
     assert_eq!(steps.last(), Some(&200));
+
+    draws_from_elsewhere(dir.path());
+}
+
+/// The finished run, from where no photo was taken.
+fn draws_from_elsewhere(dir: &Path) {
+    let render = |arguments: &[&str]| {
+        let arguments = [&["render", "run", "--size", "48"], arguments].concat();
+        sos(dir, &arguments).wait_with_output().unwrap()
+    };
+    let output = render(&["--turntable", "3"]);
+    assert_eq!(output.status.code(), Some(0), "{}", says(&output));
+    let folder = dir.join("run/render/turntable");
+    for number in 0..3 {
+        let frame = image::open(folder.join(format!("object/{number:04}.png"))).unwrap();
+        assert_eq!(frame.color(), image::ColorType::Rgba8);
+        assert_eq!(frame.width().max(frame.height()), 48);
+    }
+    let record = fs::read_to_string(folder.join("export.txt")).unwrap();
+    // Where there is no ffmpeg, the record says how to get it.
+    assert!(folder.join("paper.mp4").is_file() || record.contains("install ffmpeg"));
+
+    let output = render(&["--turntable", "3"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(says(&output).contains("--force"), "{}", says(&output));
+    let output = render(&["--path", "2", "--out", "way"]);
+    assert_eq!(output.status.code(), Some(0), "{}", says(&output));
+    for folder in ["scene", "object", "background"] {
+        assert_eq!(
+            fs::read_dir(dir.join("way").join(folder)).unwrap().count(),
+            2
+        );
+    }
+    let scene = image::open(dir.join("way/scene/0001.png"))
+        .unwrap()
+        .to_rgb8();
+    assert!(
+        scene
+            .pixels()
+            .any(|pixel| pixel.0 != scene.get_pixel(0, 0).0)
+    );
 }

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used)] // a test may panic
 
+mod audit;
+mod browser;
 mod capture;
 mod command_line;
 mod config;
@@ -11,6 +13,7 @@ mod exports;
 mod fabricated;
 mod import;
 mod interrupt;
+mod live;
 mod manual;
 mod report;
 mod run_folder;

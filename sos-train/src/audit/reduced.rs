@@ -1,0 +1,190 @@
+//! A view at the size at which views are compared: few enough pixels that all of them fit into memory.
+
+use super::depth::read_depth;
+use crate::report::{ReportError, open_picture};
+use crate::run_folder::{RunFolder, view_file};
+use glam::{DVec2, DVec3};
+use image::GrayImage;
+use io_colmap::{Camera, MaskSet, Pose, Scene};
+
+/// Longest side of a reduced view, in cells.
+const LONGEST: u32 = 640;
+/// From this byte on, a pixel is the object's.
+pub(super) const HALF: u8 = 128;
+
+/// What says where the object is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Outline {
+    /// The run's own matte.
+    Matte,
+    /// The mask that the run was given.
+    StartMask,
+}
+
+/// A view in cells of `step` by `step` pixels, rows from the top.
+pub(super) struct ReducedView {
+    /// The photo's name.
+    pub(super) name: String,
+    /// At the photo's own size.
+    pub(super) camera: Camera,
+    pub(super) camera_from_world: Pose,
+    /// Pixels along a cell.
+    pub(super) step: u32,
+    /// In cells.
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Mean coverage of each cell.
+    pub(super) alpha: Vec<u8>,
+    /// Along the optical axis at each cell's middle; 0 where nothing is. Empty without a depth file.
+    pub(super) depth: Vec<f32>,
+    /// Mean sRGB of each cell.
+    pub(super) photo: Vec<[u8; 3]>,
+    /// The start mask, mean of each cell; empty without one.
+    pub(super) mask: Vec<u8>,
+    /// Overlap of start mask and matte, at full size.
+    pub(super) mask_iou: Option<f64>,
+}
+
+impl ReducedView {
+    /// Reads view `index`; `None` if the run has no matte of it.
+    pub(super) fn load(
+        run: &RunFolder,
+        scene: &Scene,
+        masks: Option<&MaskSet>,
+        index: usize,
+    ) -> Result<Option<Self>, ReportError> {
+        let view = &scene.model.views[index];
+        let path = view_file(&run.alpha_dir(), &view.name, "png");
+        let camera = scene.model.cameras.get(&view.camera_id);
+        let (true, Some(camera)) = (path.is_file(), camera) else {
+            return Ok(None);
+        };
+        let alpha = open_picture(&path)?.into_luma8();
+        let photo = scene.read_photo(view)?.into_rgb8();
+        let (w, h) = alpha.dimensions();
+        if (w, h) != photo.dimensions() {
+            return Err(ReportError::Picture {
+                path,
+                reason: format!(
+                    "it is {w}x{h} but the photo is {}x{}",
+                    photo.width(),
+                    photo.height()
+                ),
+            });
+        }
+        let mask = masks.map(|masks| masks.load(index, w, h)).transpose()?;
+        let mask = mask.flatten();
+        let mask_iou = mask.as_ref().map(|mask| overlap(mask, &alpha));
+        let depth = read_depth(&view_file(&run.depth_dir(), &view.name, "exr"), (w, h))?;
+
+        let step = w.max(h).div_ceil(LONGEST).max(1);
+        let (width, height) = (w.div_ceil(step), h.div_ceil(step));
+        let cells = || (0..width * height).map(|i| (i % width * step, i / width * step));
+        let mean = |cell: (u32, u32), of: &dyn Fn(u32, u32) -> u8| {
+            let (mut sum, mut count) = (0u32, 0u32);
+            for y in cell.1..(cell.1 + step).min(h) {
+                for x in cell.0..(cell.0 + step).min(w) {
+                    sum += u32::from(of(x, y));
+                    count += 1;
+                }
+            }
+            ((sum + count / 2) / count.max(1)) as u8
+        };
+        let middle = |start: u32, end: u32| (start + step / 2).min(end - 1);
+        Ok(Some(Self {
+            name: view.name.clone(),
+            camera: camera.scaled_to(w, h),
+            camera_from_world: view.camera_from_world,
+            step,
+            width: width as usize,
+            height: height as usize,
+            alpha: cells()
+                .map(|cell| mean(cell, &|x, y| alpha.get_pixel(x, y).0[0]))
+                .collect(),
+            depth: depth.map_or(Vec::new(), |depth| {
+                cells()
+                    .map(|(x, y)| depth[(middle(y, h) * w + middle(x, w)) as usize])
+                    .collect()
+            }),
+            photo: cells()
+                .map(|cell| [0, 1, 2].map(|c| mean(cell, &|x, y| photo.get_pixel(x, y).0[c])))
+                .collect(),
+            mask: mask.map_or(Vec::new(), |mask| {
+                cells()
+                    .map(|cell| mean(cell, &|x, y| mask.get_pixel(x, y).0[0]))
+                    .collect()
+            }),
+            mask_iou,
+        }))
+    }
+
+    /// What says where the object is.
+    pub(super) fn outline(&self, by: Outline) -> &[u8] {
+        match by {
+            Outline::Matte => &self.alpha,
+            Outline::StartMask => &self.mask,
+        }
+    }
+
+    /// Where the object is at a cell, in the scene's frame; `None` where the outline has none, or the
+    /// run found no surface.
+    pub(super) fn point(
+        &self,
+        by: Outline,
+        world_from_camera: &Pose,
+        cell: usize,
+    ) -> Option<DVec3> {
+        let depth = f64::from(*self.depth.get(cell)?);
+        if *self.outline(by).get(cell)? < HALF || depth <= 0.0 {
+            return None;
+        }
+        let (x, y) = ((cell % self.width) as u32, (cell / self.width) as u32);
+        let middle = |at: u32, end: u32| f64::from((at * self.step + self.step / 2).min(end - 1));
+        let pixel = DVec2::new(
+            middle(x, self.camera.width) + 0.5,
+            middle(y, self.camera.height) + 0.5,
+        );
+        let ray = self.camera.unproject(pixel).filter(|ray| ray.z > 0.0)?;
+        Some(world_from_camera.transform_point(ray * (depth / ray.z)))
+    }
+
+    /// The cell in which a point of the scene's frame appears; `None` outside the photo.
+    pub(super) fn cell(&self, world: DVec3) -> Option<usize> {
+        let seen = self.camera_from_world.transform_point(world);
+        if seen.z <= 0.0 {
+            return None;
+        }
+        let pixel = self.camera.project(seen)?;
+        let inside = pixel.x >= 0.0
+            && pixel.y >= 0.0
+            && pixel.x < f64::from(self.camera.width)
+            && pixel.y < f64::from(self.camera.height);
+        inside.then(|| {
+            let [x, y] = [pixel.x, pixel.y].map(|p| p as usize / self.step as usize);
+            y * self.width + x
+        })
+    }
+
+    /// The cell and its up to eight neighbours.
+    pub(super) fn around(&self, cell: usize) -> impl Iterator<Item = usize> {
+        let (x, y, width) = (cell % self.width, cell / self.width, self.width);
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        (y.saturating_sub(1)..(y + 2).min(self.height))
+            .flat_map(move |y| columns.clone().map(move |x| y * width + x))
+    }
+}
+
+/// Overlap at one half; 1 if both are empty.
+fn overlap(mask: &GrayImage, alpha: &GrayImage) -> f64 {
+    let (mut both, mut either) = (0u64, 0u64);
+    for (mask, alpha) in mask.as_raw().iter().zip(alpha.as_raw()) {
+        let (mask, alpha) = (*mask >= HALF, *alpha >= HALF);
+        both += u64::from(mask && alpha);
+        either += u64::from(mask || alpha);
+    }
+    if either == 0 {
+        1.0
+    } else {
+        both as f64 / either as f64
+    }
+}

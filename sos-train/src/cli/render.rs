@@ -1,0 +1,188 @@
+//! `sos render`: pictures and videos from where no photo was taken.
+
+use super::{RenderArgs, answer};
+use crate::progress::Progress;
+use crate::render::frame::{Frame, draw_object, draw_scene};
+use crate::render::path::{NovelCamera, along_the_photos, size_like_photos, turntable};
+use crate::render::rays::FrozenScene;
+use crate::render::trained::load_trained;
+use crate::run_folder::RunFolder;
+use glam::Vec3;
+use scene_export::{Codec, Draft, Existing, ExportError, Ffmpeg, Kind, Picture, Video};
+
+/// What the object of a turntable stands before in videos without alpha.
+const PAPER: Vec3 = Vec3::splat(0.92);
+
+/// Renders a turntable or a way along the photos.
+pub(super) fn render(args: &RenderArgs) -> anyhow::Result<()> {
+    let run = RunFolder::open_existing(&args.run)?;
+    let (name, count) = match (args.turntable, args.path) {
+        (Some(count), _) => ("turntable", count),
+        (None, count) => ("path", count.unwrap_or(1)),
+    };
+    let out = match &args.out {
+        Some(out) => out.clone(),
+        None => run.root().join("render").join(name),
+    };
+    let existing = if args.force {
+        Existing::Replace
+    } else {
+        Existing::Keep
+    };
+    let draft = Draft::begin(&out, existing)?;
+    let screen = Progress::new(false, 0);
+    let (scene, data) = load_trained(&run)?;
+    let size = size_like_photos(&data, args.size);
+    let cameras = match args.turntable {
+        Some(_) => turntable(&data, count, size),
+        None => along_the_photos(&data, count, size),
+    };
+    let mut sequences = if args.turntable.is_some() {
+        vec![
+            Sequence::new("object", Kind::Rgba, Codec::WebmAlpha, "webm", cut_out),
+            Sequence::new("paper", Kind::Rgb, Codec::Mp4Colour, "mp4", on_paper),
+        ]
+    } else {
+        vec![
+            Sequence::new("scene", Kind::Rgb, Codec::Mp4Colour, "mp4", |f| {
+                colours(&f.scene)
+            }),
+            Sequence::new("object", Kind::Rgba, Codec::WebmAlpha, "webm", cut_out),
+            Sequence::new("background", Kind::Rgb, Codec::Mp4Colour, "mp4", |f| {
+                colours(&f.background)
+            }),
+        ]
+    };
+    let mut notes = vec![format!(
+        "{count} frames of {}x{}, sRGB, straight alpha; step {} of the run",
+        size.0, size.1, scene.step
+    )];
+    match Ffmpeg::find() {
+        Ok(ffmpeg) => {
+            for sequence in &mut sequences {
+                sequence.begin_video(&ffmpeg, &draft, size, args.fps, &mut notes)?;
+            }
+        }
+        Err(error) => notes.push(format!("frames only, no videos: {error}")),
+    }
+    let stage = screen.stage("drawing", cameras.len());
+    for (number, camera) in cameras.iter().enumerate() {
+        let frame = draw(&scene, camera, args);
+        for sequence in &mut sequences {
+            sequence.add(number, &frame, size, &draft)?;
+        }
+        stage.advance();
+    }
+    drop(stage);
+    for video in sequences.into_iter().filter_map(|sequence| sequence.video) {
+        video.finish()?;
+    }
+    for note in &notes {
+        screen.note(note);
+    }
+    let record = format!(
+        "{name}, rendered by sos {} from {}\n- {}\n",
+        env!("CARGO_PKG_VERSION"),
+        run.root().display(),
+        notes.join("\n- ")
+    );
+    draft.finish(&record)?;
+    answer(&format!("{}: {count} frames", out.display()));
+    Ok(())
+}
+
+fn draw(scene: &FrozenScene, camera: &NovelCamera, args: &RenderArgs) -> Frame {
+    match args.turntable {
+        Some(_) => draw_object(scene, camera),
+        None => draw_scene(scene, camera),
+    }
+}
+
+/// One kind of picture of every frame: a folder of PNG files, and a video where there is ffmpeg.
+struct Sequence {
+    name: &'static str,
+    kind: Kind,
+    codec: Codec,
+    ending: &'static str,
+    bytes: fn(&Frame) -> Vec<u8>,
+    video: Option<Video>,
+}
+
+impl Sequence {
+    fn new(
+        name: &'static str,
+        kind: Kind,
+        codec: Codec,
+        ending: &'static str,
+        bytes: fn(&Frame) -> Vec<u8>,
+    ) -> Self {
+        Self {
+            name,
+            kind,
+            codec,
+            ending,
+            bytes,
+            video: None,
+        }
+    }
+
+    fn begin_video(
+        &mut self,
+        ffmpeg: &Ffmpeg,
+        draft: &Draft,
+        size: (u32, u32),
+        rate: u32,
+        notes: &mut Vec<String>,
+    ) -> Result<(), ExportError> {
+        let name = format!("{}.{}", self.name, self.ending);
+        if ffmpeg.can(self.codec) {
+            let path = draft.place(&name)?;
+            self.video = Some(ffmpeg.begin(&path, size, rate, self.codec)?);
+        } else {
+            notes.push(format!("no {name}: this ffmpeg has no encoder for it"));
+        }
+        Ok(())
+    }
+
+    fn add(
+        &mut self,
+        number: usize,
+        frame: &Frame,
+        (width, height): (u32, u32),
+        draft: &Draft,
+    ) -> Result<(), ExportError> {
+        let bytes = (self.bytes)(frame);
+        if let Some(video) = &mut self.video {
+            video.push(&bytes)?;
+        }
+        Picture {
+            width,
+            height,
+            kind: self.kind,
+            remark: "rendered from where no photo was taken; alpha, if any, is straight",
+            bytes: &bytes,
+        }
+        .write(draft, &format!("{}/{number:04}.png", self.name))
+    }
+}
+
+fn byte(value: f32) -> u8 {
+    (255.0 * value.clamp(0.0, 1.0)).round() as u8
+}
+
+fn colours(pixels: &[Vec3]) -> Vec<u8> {
+    pixels.iter().flat_map(|c| c.to_array().map(byte)).collect()
+}
+
+fn cut_out(frame: &Frame) -> Vec<u8> {
+    let pixels = frame.object.iter().zip(&frame.alpha);
+    pixels
+        .flat_map(|(c, alpha)| [c.x, c.y, c.z, *alpha].map(byte))
+        .collect()
+}
+
+fn on_paper(frame: &Frame) -> Vec<u8> {
+    let pixels = frame.object.iter().zip(&frame.alpha);
+    let over: Vec<Vec3> = pixels.map(|(c, alpha)| PAPER.lerp(*c, *alpha)).collect();
+    colours(&over)
+}
