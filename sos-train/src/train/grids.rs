@@ -44,6 +44,8 @@ pub struct GridRule {
     pub transparency: Transparency,
     /// `b` of the field's logistic density.
     pub sharpness: f32,
+    /// Whether the field changes so little by now that cells can be asked half as often.
+    pub settled: bool,
 }
 
 impl FieldGrids {
@@ -148,20 +150,23 @@ impl FieldGrids {
         Ok(())
     }
 
-    /// Asks the object about a quarter of its allowed cells; `round` counts the updates.
+    /// Asks the object about a quarter of its allowed cells, or an eighth when the field has settled;
+    /// `round` counts the updates.
     pub fn update_object(&mut self, field: &FrozenSurface, rule: GridRule, seed: u64, round: u32) {
+        let every = if rule.settled { 8 } else { 4 };
         let cells: Vec<u32> = self
             .allowed
             .par_iter()
             .copied()
-            .filter(|&cell| is_due(cell, round, 4))
+            .filter(|&cell| is_due(cell, round, every))
             .collect();
         let grid = &mut self.object;
         update(grid, &cells, field, rule, u64::from(round) ^ seed);
         grid.rebuild_bits(VISIBLE);
     }
 
-    /// Asks the background about a quarter of the occupied cells and a 64th of the others.
+    /// Asks the background about a quarter of the occupied cells, or an eighth when the field has
+    /// settled, and a 64th of the others.
     pub fn update_background(
         &mut self,
         field: &FrozenSurface,
@@ -169,11 +174,12 @@ impl FieldGrids {
         seed: u64,
         round: u32,
     ) {
+        let of_occupied = if rule.settled { 8 } else { 4 };
         let grid = &mut self.background;
         let cells: Vec<u32> = (0..grid.cell_count() as u32)
             .into_par_iter()
             .filter(|&cell| {
-                let every = if grid.cell_occupied(cell) { 4 } else { 64 };
+                let every = if grid.cell_occupied(cell) { of_occupied } else { 64 };
                 is_due(cell, round, every)
             })
             .collect();

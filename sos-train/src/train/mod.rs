@@ -42,6 +42,8 @@ pub use run::run;
 pub(crate) const BACKGROUND_STRIDE: u32 = 2;
 /// Steps between two updates of m^P from the votes.
 const VOTES_EVERY: u32 = 250;
+/// Share of a run after which occupied space changes slowly.
+const SETTLED: f32 = 0.5;
 /// What votes are worth after each update.
 const VOTES_KEPT: f32 = 0.7;
 /// Share of the run after the carving, or after the start, in which FoCoR finds its outline before
@@ -391,6 +393,7 @@ impl Trainer {
             return;
         }
         let round = self.step / config.sampling.occupancy_every.max(1);
+        let settled = schedule::progress(&config, self.step) > SETTLED;
         let [b_object, b_background] = self.sharpness();
         let object = self
             .freeze_object(schedule.active_levels)
@@ -398,6 +401,7 @@ impl Trainer {
         let rule = GridRule {
             transparency: Transparency::Sdf,
             sharpness: b_object,
+            settled,
         };
         self.grids.update_object(&object, rule, config.seed, round);
         drop(object);
@@ -407,6 +411,7 @@ impl Trainer {
         let rule = GridRule {
             transparency: config.model.background,
             sharpness: b_background,
+            settled,
         };
         self.grids
             .update_background(&background, rule, config.seed, round);
