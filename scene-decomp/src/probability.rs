@@ -1,6 +1,6 @@
 //! m^P: how likely a point of space belongs to the object, from many rough masks.
 
-use glam::Vec3;
+use glam::{IVec3, Vec3};
 
 /// Samples of m^P on a cube `[-1, 1]^3`, read with trilinear interpolation; 0 outside.
 #[derive(Clone, Debug, PartialEq)]
@@ -129,10 +129,11 @@ impl ProbabilityMap {
         let last = self.resolution as f32 - 1.0;
         let grid = ((point * 0.5 + 0.5) * self.resolution as f32 - 0.5)
             .clamp(Vec3::ZERO, Vec3::splat(last));
-        let base = grid.floor().min(Vec3::splat((last - 1.0).max(0.0)));
+        // Truncation, as nothing is negative here: `floor` is a call where SSE4.1 is not certain.
+        let below = grid.as_ivec3().min(IVec3::splat((last as i32 - 1).max(0)));
         (
-            [base.x as usize, base.y as usize, base.z as usize],
-            grid - base,
+            below.to_array().map(|cell| cell as usize),
+            grid - below.as_vec3(),
         )
     }
 }

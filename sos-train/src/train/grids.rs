@@ -83,27 +83,11 @@ impl FieldGrids {
         self.hull = LevelSet::new(map, crop - OVERLAP);
         self.crop = LevelSet::new(map, crop);
         let grid = &mut self.object;
-        let half = 0.5 * grid.cell_size();
         let mut before = vec![false; grid.cell_count()];
         for &cell in &self.allowed {
             before[cell as usize] = true;
         }
-        let hull = &self.hull;
-        self.allowed = (0..grid.cell_count() as u32)
-            .into_par_iter()
-            .filter(|&cell| {
-                let centre = grid.centre_of(cell);
-                hull.contains(map, centre)
-                    || (0..8).any(|corner| {
-                        let offset = Vec3::new(
-                            if corner & 1 == 0 { -half } else { half },
-                            if corner & 2 == 0 { -half } else { half },
-                            if corner & 4 == 0 { -half } else { half },
-                        );
-                        hull.contains(map, centre + offset)
-                    })
-            })
-            .collect();
+        self.allowed = reached_cells(grid, &self.hull, map);
         let values: Vec<f32> = self
             .allowed
             .iter()
@@ -179,13 +163,45 @@ impl FieldGrids {
         let cells: Vec<u32> = (0..grid.cell_count() as u32)
             .into_par_iter()
             .filter(|&cell| {
-                let every = if grid.cell_occupied(cell) { of_occupied } else { 64 };
+                let every = if grid.cell_occupied(cell) {
+                    of_occupied
+                } else {
+                    64
+                };
                 is_due(cell, round, every)
             })
             .collect();
         update(grid, &cells, field, rule, u64::from(round) ^ seed);
         grid.rebuild_bits(VISIBLE);
     }
+}
+
+/// Cells of `grid` that `hull` reaches, in order: it contains the centre or a corner.
+fn reached_cells(grid: &OccupancyGrid, hull: &LevelSet, map: &ProbabilityMap) -> Vec<u32> {
+    let (n, cell) = (grid.resolution() as usize, grid.cell_size());
+    let origin = grid.centre_of(0) - 0.5 * cell;
+    // Cells share their corners, so these are asked once and not eight times.
+    let side = n + 1;
+    let mut corners = vec![false; side.pow(3)];
+    corners
+        .par_chunks_mut(side)
+        .enumerate()
+        .for_each(|(row, corners)| {
+            let (y, z) = ((row % side) as f32, (row / side) as f32);
+            for (x, corner) in corners.iter_mut().enumerate() {
+                *corner = hull.contains(map, origin + cell * Vec3::new(x as f32, y, z));
+            }
+        });
+    (0..grid.cell_count() as u32)
+        .into_par_iter()
+        .filter(|&number| {
+            let i = number as usize;
+            let first = ((i / (n * n)) * side + i / n % n) * side + i % n;
+            let at = |x: usize, y: usize, z: usize| corners[first + (z * side + y) * side + x];
+            (0..8).any(|c| at(c & 1, c >> 1 & 1, c >> 2))
+                || hull.contains(map, grid.centre_of(number))
+        })
+        .collect()
 }
 
 /// Every cell is due once in `every` rounds, neighbours in different ones.
@@ -223,4 +239,35 @@ fn update(
         })
         .collect();
     grid.update(cells, &values);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_reached_at_their_centre_or_a_corner() {
+        let n = 16;
+        let values = (0..n * n * n)
+            .map(|cell| {
+                let p = ProbabilityMap::centre(n, cell);
+                0.5 + 0.4 * (5.0 * p.x).sin() * (4.0 * p.y).cos() + 0.1 * p.z
+            })
+            .collect();
+        let map = ProbabilityMap::new(n, values);
+        let hull = LevelSet::new(&map, 0.6);
+        let grid = OccupancyGrid::new(16, 1.0);
+        let half = 0.5 * grid.cell_size();
+        let expected: Vec<u32> = (0..grid.cell_count() as u32)
+            .filter(|&cell| {
+                let signs = [-half, half];
+                let corner = |c: usize| Vec3::new(signs[c & 1], signs[c >> 1 & 1], signs[c >> 2]);
+                let centre = grid.centre_of(cell);
+                hull.contains(&map, centre)
+                    || (0..8).any(|c| hull.contains(&map, centre + corner(c)))
+            })
+            .collect();
+        assert_eq!(reached_cells(&grid, &hull, &map), expected);
+        assert!(expected.len() > 500 && expected.len() < 3500);
+    }
 }

@@ -327,7 +327,11 @@ fn documented_commands_are_understood() {
         let blocks = document.split("```").skip(1).step_by(2);
         for line in blocks.flat_map(str::lines) {
             // Neither comments nor where the shell sends the output.
-            let command = line.split(['#', '>', '|']).next().unwrap_or_default().trim();
+            let command = line
+                .split(['#', '>', '|'])
+                .next()
+                .unwrap_or_default()
+                .trim();
             let words = match command.strip_prefix("cargo xtask sos ") {
                 Some(arguments) => format!("sos {arguments}"),
                 None => command.to_owned(),
