@@ -6,7 +6,8 @@
 mod kernels;
 
 use burn::backend::{Cube, TensorMetadata, tensor::FloatTensor};
-use gpu_tensors::{BufferArg, CubeTensor, OuterSum, buffer, contiguous, fresh, units_for, upload};
+use gpu_tensors::cubecl::prelude::BufferArg;
+use gpu_tensors::{CubeTensor, OuterSum, buffer, contiguous, fresh, units_for, upload};
 
 use super::backward::{Arguments, ColourFieldBackward};
 use super::{ColourFieldOps, Output, Reading};
