@@ -12,6 +12,10 @@ const CHAINS: usize = 16;
 const ROUNDS: usize = 200_000;
 /// Values of each array of the memory measurement: 64 MiB, more than a core's own caches.
 const VALUES: usize = 16 << 20;
+/// Values of a cache line.
+const LINE: usize = 16;
+/// Lines of one measurement.
+const LINES: usize = 1 << 21;
 /// The best of so many measurements counts: what disturbs a measurement makes it slower.
 const ATTEMPTS: usize = 5;
 
@@ -30,6 +34,11 @@ pub(crate) struct Peaks {
     pub(crate) triad_gbs_one_core: f64,
     /// The same on all cores at once.
     pub(crate) triad_gbs: f64,
+    /// Cache lines read in no order, independent of each other, as corners of a hashed level are; in
+    /// 10^9 bytes a second.
+    pub(crate) lines_gbs_one_core: f64,
+    /// The same on all cores at once.
+    pub(crate) lines_gbs: f64,
 }
 
 impl Peaks {
@@ -45,6 +54,8 @@ impl Peaks {
             copy_gbs,
             triad_gbs_one_core,
             triad_gbs,
+            lines_gbs_one_core: memory.lines(1),
+            lines_gbs: memory.lines(threads),
         }
     }
 
@@ -138,6 +149,32 @@ impl Memory {
         black_box(&to);
         [copy, triad]
     }
+
+    /// GB/s of cache lines at random on so many cores.
+    fn lines(&self, threads: usize) -> f64 {
+        best_of(|| {
+            let begun = Instant::now();
+            std::thread::scope(|scope| {
+                for seed in 0..threads as u32 {
+                    scope.spawn(move || black_box(sum_of_lines(&self.from, seed)));
+                }
+            });
+            let bytes = threads * LINES * LINE * size_of::<f32>();
+            bytes as f64 / begun.elapsed().as_secs_f64() * 1e-9
+        })
+    }
+}
+
+/// Sums one value of so many lines of `values`; which ones a generator says.
+fn sum_of_lines(values: &[f32], mut state: u32) -> f32 {
+    let lines = (values.len() / LINE) as u64;
+    let mut sum = 0.0;
+    for _ in 0..LINES {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let line = (u64::from(state) * lines) >> 32;
+        sum += values[LINE * line as usize];
+    }
+    sum
 }
 
 fn best_of(mut measure: impl FnMut() -> f64) -> f64 {

@@ -114,6 +114,11 @@ impl fmt::Display for Report {
             "    triad         {:7.1} / {:7.1} GB/s",
             p.triad_gbs_one_core, p.triad_gbs
         )?;
+        writeln!(
+            f,
+            "    random lines  {:7.1} / {:7.1} GB/s",
+            p.lines_gbs_one_core, p.lines_gbs
+        )?;
         for one_core in [true, false] {
             let cores = if one_core {
                 "one core".to_owned()
