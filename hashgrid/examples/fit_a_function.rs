@@ -23,7 +23,7 @@ fn main() {
         let points = Tensor::<2>::random([POINTS, 3], Distribution::Uniform(0.0, 1.0), &device);
         let wanted = (points.clone() * 6.0).sin().sum_dim(1);
         // The plainest of decoders: the sum of all features.
-        let (features, _) = grid.forward_with_jacobian(points, levels);
+        let features = grid.forward(points, levels);
         let loss = (features.sum_dim(1) - wanted).powi_scalar(2).mean();
         if step % 50 == 0 {
             println!(

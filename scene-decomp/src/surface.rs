@@ -219,7 +219,7 @@ impl Surface {
         extra: &[f32],
         config: SdfFieldConfig,
     ) -> SurfaceSamples {
-        let inputs = self.inputs(points, directions, extra, directions, config);
+        let inputs = self.inputs(points, directions, extra, 1.0, config);
         SurfaceSamples {
             geometry: inputs.geometry.clone(),
             colour: colour_field(inputs, self.colour_weights()),
@@ -241,8 +241,7 @@ impl Surface {
         rows: RowConfig,
     ) -> Tensor<2> {
         let n = points.len() / 3;
-        let views: Vec<f32> = directions.iter().map(|v| rows.view_share * v).collect();
-        let inputs = self.inputs(points, directions, extra, &views, config);
+        let inputs = self.inputs(points, directions, extra, rows.view_share, config);
         let columns = stretch.len().checked_div(n).unwrap_or(0);
         let stretch = Tensor::from_data(
             TensorData::new(stretch.to_vec(), [n, columns]),
@@ -251,13 +250,13 @@ impl Surface {
         sample_rows(inputs, stretch, self.colour_weights(), rows)
     }
 
-    /// `views` are the directions that the harmonics are of.
+    /// The harmonics are of `view_share` of the directions, as the op's own are.
     fn inputs(
         &self,
         points: &[f32],
         directions: &[f32],
         extra: &[f32],
-        views: &[f32],
+        view_share: f32,
         config: SdfFieldConfig,
     ) -> ColourFieldInputs {
         let n = points.len() / 3;
@@ -267,11 +266,17 @@ impl Surface {
             Tensor::<2>::from_data(TensorData::new(values, [n, columns]), &device)
         };
         let points = rows(points.to_vec());
+        let extra = if harmonics(self.direction_degree) == 0 {
+            extra.to_vec()
+        } else {
+            let views: Vec<f32> = directions.iter().map(|v| view_share * v).collect();
+            colour_extra(&views, extra, self.direction_degree)
+        };
         ColourFieldInputs {
             geometry: self.geometry(points.clone(), config),
             points,
             directions: rows(directions.to_vec()),
-            extra: rows(colour_extra(views, extra, self.direction_degree)),
+            extra: rows(extra),
         }
     }
 }

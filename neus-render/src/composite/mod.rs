@@ -1,7 +1,8 @@
 //! Joint compositing of two fields along rays, in depth order, as one differentiable op.
 //!
 //! An interval `i` of a ray has an opacity `a_F` of the object F (0 where F has no sample; times
-//! its matte value, if [`MatteRole`] says so) and `a_B` of the background B. With the transmittance of both,
+//! its matte value, if [`MatteRole`] says so) and `a_B` of the background B. With the transmittance
+//! of both,
 //! `T_i = prod_{j<i} (1 - a_F_j)(1 - a_B_j)`, the weights are
 //!
 //! ```text
