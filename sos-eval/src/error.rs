@@ -61,6 +61,22 @@ pub enum EvalError {
         /// The folder of ground truth.
         truth: PathBuf,
     },
+    /// A view of the truth of which there is no photo.
+    #[error(
+        "no photo belongs to the true matte of view {view:?}: give the folder with the photos of all views"
+    )]
+    NoPhoto {
+        /// Name of the view.
+        view: String,
+    },
+    /// A picture or folder that cannot be written.
+    #[error("{} cannot be written ({reason}): choose another folder", .path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        reason: String,
+    },
     /// A mesh file that cannot be read.
     #[error("the mesh {} cannot be read ({reason}): export it again as a PLY triangle mesh", .path.display())]
     Mesh {

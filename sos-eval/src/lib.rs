@@ -14,7 +14,7 @@
 //! Above them stand whole folders: [`compare_folders`] for mattes, [`compare_plates`] for
 //! backgrounds, [`run_eval`] for all that one run wrote, [`compare_contenders`] for several results
 //! side by side. They return a [`Report`], which is JSON through serde and text through
-//! [`Report::table`].
+//! [`Report::table`]. [`degrade_folder`] makes masks with the faults of rough segmenters from true ones.
 //!
 //! Alpha is straight and in 0..=1 at native resolution; colours are in 0..=1 as stored. Everything
 //! is row-major. Scores are taken per view, then averaged over views; a view for which nothing was
@@ -42,9 +42,11 @@ struct ReadmeExamples;
 
 mod boundary;
 mod comparison;
+mod degrade;
 mod error;
 mod filter;
 mod folders;
+mod growth;
 mod image_quality;
 mod iou;
 mod matching;
@@ -61,6 +63,7 @@ pub use boundary::{BOUNDARY_SHARE, band_width, boundary_band, boundary_iou};
 pub use comparison::{
     Compared, Comparison, Contender, ViewFiles, compare_contenders, mattes_by_view,
 };
+pub use degrade::{Fault, degrade, degrade_folder};
 pub use error::EvalError;
 pub use folders::compare_folders;
 pub use glam;

@@ -6,6 +6,7 @@
 
 mod args;
 mod capture;
+mod degrade;
 mod doctor;
 mod evaluate;
 mod export;
@@ -17,8 +18,8 @@ mod render;
 mod train;
 
 pub use args::{
-    CaptureArgs, Command, CompareArgs, DoctorArgs, EvalArgs, ExportArgs, HullArgs, ImportArgs,
-    RenderArgs, ReportArgs, Sos, TrainArgs,
+    CaptureArgs, Command, CompareArgs, DegradeArgs, DoctorArgs, EvalArgs, ExportArgs, HullArgs,
+    ImportArgs, RenderArgs, ReportArgs, Sos, TrainArgs,
 };
 
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
@@ -69,6 +70,7 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Eval(args) => evaluate::eval(args).map(|()| EXIT_OK),
         Command::Compare(args) => evaluate::compare(args).map(|()| EXIT_OK),
         Command::Hull(args) => hull::write(args).map(|()| EXIT_OK),
+        Command::Degrade(args) => degrade::write(args).map(|()| EXIT_OK),
         Command::Report(args) => evaluate::report(args).map(|()| EXIT_OK),
         Command::Devices => {
             answer(&crate::device::list());

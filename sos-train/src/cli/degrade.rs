@@ -1,0 +1,23 @@
+//! `sos degrade`: rough masks to start a test from.
+
+use super::{DegradeArgs, answer};
+use crate::error::InputError;
+use sos_eval::degrade_folder;
+
+/// Writes true masks with a fault.
+pub(super) fn write(args: &DegradeArgs) -> anyhow::Result<()> {
+    if args.out.exists() {
+        return Err(InputError::new(&args.out, "it exists already", "choose another --out").into());
+    }
+    let fault = args.fault.into();
+    let count = degrade_folder(
+        &args.gt,
+        &args.photos,
+        fault,
+        args.share,
+        args.seed,
+        &args.out,
+    )?;
+    answer(&format!("{}: {count} masks", args.out.display()));
+    Ok(())
+}
