@@ -117,6 +117,14 @@ impl Scene {
         Ok((scene, missing))
     }
 
+    /// Finds a folder's model as [`Scene::open`] does and reads it alone: for cameras without photos.
+    ///
+    /// # Errors
+    /// [`ColmapError`] where there is no model or it is damaged.
+    pub fn read_model(dir: &Path) -> Result<Model, ColmapError> {
+        Ok(find_model(dir, &mut Vec::new())?.1)
+    }
+
     /// Where a view's photo lies.
     #[must_use]
     pub fn image_path(&self, view: &View) -> PathBuf {

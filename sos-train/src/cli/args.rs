@@ -2,7 +2,7 @@
 
 use crate::config::{MaskPolarity, Preset};
 use crate::discover::hint::{Click, WorldBox};
-use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand};
+use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ Commands:
 {subcommands}{after-help}";
 
 const EXAMPLES: &str = "\
-Each explains itself with --help; --version tells the version. For shells: completions, man.
+Each explains itself with --help; --version tells the version. For shells: completions, man. For tests: degrade.
 
 Examples:
   sos train                                  the built-in demo, into runs/demo
@@ -64,6 +64,9 @@ pub enum Command {
     Compare(CompareArgs),
     /// Write the classical answer: the masks' soft visual hull, seen from every view.
     Hull(HullArgs),
+    /// Write masks with the faults of rough segmenters, made from true ones, to start a test from.
+    #[command(hide = true)]
+    Degrade(DegradeArgs),
     /// Make a run's report.html again.
     Report(ReportArgs),
     /// List what this build can compute on.
@@ -130,7 +133,7 @@ pub struct TrainArgs {
     /// Train on photos of 1/N of their width and height; results keep the photos' size [default: 1].
     #[arg(long, value_name = "N")]
     pub downscale: Option<u32>,
-    /// Where to compute: auto, cpu, ndarray, flex or wgpu [default: auto].
+    /// Where to compute: auto, cpu, ndarray, flex, wgpu or cuda [default: auto].
     #[arg(long, value_name = "NAME")]
     pub device: Option<String>,
     /// Seed of all random draws [default: 1].
@@ -272,7 +275,7 @@ pub struct ExportArgs {
 /// `sos render`.
 #[derive(Debug, Clone, Args)]
 #[group(skip)]
-#[command(group = ArgGroup::new("cameras").required(true).args(["turntable", "path"]))]
+#[command(group = ArgGroup::new("cameras").required(true).args(["turntable", "path", "views"]))]
 pub struct RenderArgs {
     /// Run folder, with its checkpoint.
     pub run: PathBuf,
@@ -282,13 +285,16 @@ pub struct RenderArgs {
     /// The scene, and the scene without the object, from N places along the way of the photos.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub path: Option<u32>,
+    /// The same from the cameras of another COLMAP model in the scene's frame, in their own sizes.
+    #[arg(long, value_name = "SCENE")]
+    pub views: Option<PathBuf>,
     /// Longer side of the pictures in pixels.
     #[arg(long, value_name = "PIXELS", default_value_t = 480, value_parser = clap::value_parser!(u32).range(16..=8192))]
     pub size: u32,
     /// Frames a second of videos.
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=240))]
     pub fps: u32,
-    /// Folder to create [default: RUN/render/turntable or path].
+    /// Folder to create [default: RUN/render/turntable, path or views].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Replace earlier frames.
@@ -343,6 +349,66 @@ pub struct HullArgs {
     /// Folder for the mattes, a PNG per view; it must not exist yet.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+}
+
+/// `sos degrade`.
+#[derive(Debug, Clone, Args)]
+pub struct DegradeArgs {
+    /// Folder of true mattes, a picture per view.
+    #[arg(long, value_name = "DIR")]
+    pub gt: PathBuf,
+    /// Folder of the photos of the same views.
+    #[arg(long, value_name = "DIR")]
+    pub photos: PathBuf,
+    /// What is wrong with the masks.
+    #[arg(long, value_enum, value_name = "FAULT")]
+    pub fault: MaskFault,
+    /// Size of the fault: the share of the object, or of the views, that is wrong.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.2, value_parser = share)]
+    pub share: f64,
+    /// Decides what is left to chance.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Folder for the masks, a PNG per view; it must not exist yet.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+/// The faults of `sos degrade`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MaskFault {
+    /// The outline lies inside the object.
+    Eroded,
+    /// The outline lies outside the object.
+    Dilated,
+    /// An extremity is lost, another one in every view.
+    PartMissing,
+    /// Something beside the object of one colour counts as a part of it.
+    NeighbourIncluded,
+    /// Every second view has no mask.
+    HalfMissing,
+    /// In a share of the views the mask shows something else.
+    SomeWrong,
+}
+
+impl From<MaskFault> for sos_eval::Fault {
+    fn from(fault: MaskFault) -> Self {
+        match fault {
+            MaskFault::Eroded => Self::Eroded,
+            MaskFault::Dilated => Self::Dilated,
+            MaskFault::PartMissing => Self::PartMissing,
+            MaskFault::NeighbourIncluded => Self::NeighbourIncluded,
+            MaskFault::HalfMissing => Self::HalfMissing,
+            MaskFault::SomeWrong => Self::SomeWrong,
+        }
+    }
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(share) if (0.0..0.9).contains(&share) => Ok(share),
+        _ => Err("it is a number from 0 to 0.9".to_owned()),
+    }
 }
 
 /// `sos report`.

@@ -3,22 +3,24 @@
 use super::{RenderArgs, answer};
 use crate::progress::Progress;
 use crate::render::frame::{Frame, draw_object, draw_scene};
-use crate::render::path::{NovelCamera, along_the_photos, size_like_photos, turntable};
+use crate::render::path::{NovelCamera, along_the_photos, of_model, size_like_photos, turntable};
 use crate::render::rays::FrozenScene;
 use crate::render::trained::load_trained;
 use crate::run_folder::RunFolder;
 use glam::Vec3;
+use io_colmap::Scene;
 use scene_export::{Codec, Draft, Existing, ExportError, Ffmpeg, Kind, Picture, Video};
 
 /// What the object of a turntable stands before in videos without alpha.
 const PAPER: Vec3 = Vec3::splat(0.92);
 
-/// Renders a turntable or a way along the photos.
+/// Renders a turntable, a way along the photos, or what given cameras see.
 pub(super) fn render(args: &RenderArgs) -> anyhow::Result<()> {
     let run = RunFolder::open_existing(&args.run)?;
-    let (name, count) = match (args.turntable, args.path) {
-        (Some(count), _) => ("turntable", count),
-        (None, count) => ("path", count.unwrap_or(1)),
+    let name = match (&args.views, args.turntable) {
+        (Some(_), _) => "views",
+        (None, Some(_)) => "turntable",
+        (None, None) => "path",
     };
     let out = match &args.out {
         Some(out) => out.clone(),
@@ -31,12 +33,21 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<()> {
     };
     let draft = Draft::begin(&out, existing)?;
     let screen = Progress::new(false, 0);
-    let (scene, data) = load_trained(&run)?;
-    let size = size_like_photos(&data, args.size);
-    let cameras = match args.turntable {
-        Some(_) => turntable(&data, count, size),
-        None => along_the_photos(&data, count, size),
+    // Read first: what cannot be read should not be found out after the photos.
+    let model = match &args.views {
+        Some(folder) => Some(Scene::read_model(folder)?),
+        None => None,
     };
+    let (scene, data) = load_trained(&run)?;
+    let like_photos = size_like_photos(&data, args.size);
+    let cameras = match (model, args.turntable, args.path) {
+        (Some(model), ..) => of_model(&data, &model),
+        (None, Some(count), _) => turntable(&data, count, like_photos),
+        (None, None, count) => along_the_photos(&data, count.unwrap_or(1), like_photos),
+    };
+    let count = cameras.len();
+    // A video has frames of one size; pictures from a list of cameras make none.
+    let filmed = args.views.is_none();
     let mut sequences = if args.turntable.is_some() {
         vec![
             Sequence::new("object", Kind::Rgba, Codec::WebmAlpha, "webm", cut_out),
@@ -53,23 +64,31 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<()> {
             }),
         ]
     };
-    let mut notes = vec![format!(
-        "{count} frames of {}x{}, sRGB, straight alpha; step {} of the run",
-        size.0, size.1, scene.step
-    )];
+    let mut notes = vec![if filmed {
+        format!(
+            "{count} frames of {}x{}, sRGB, straight alpha; step {} of the run",
+            like_photos.0, like_photos.1, scene.step
+        )
+    } else {
+        format!(
+            "{count} views, sRGB, straight alpha; step {} of the run",
+            scene.step
+        )
+    }];
     match Ffmpeg::find() {
+        _ if !filmed => {}
         Ok(ffmpeg) => {
             for sequence in &mut sequences {
-                sequence.begin_video(&ffmpeg, &draft, size, args.fps, &mut notes)?;
+                sequence.begin_video(&ffmpeg, &draft, like_photos, args.fps, &mut notes)?;
             }
         }
         Err(error) => notes.push(format!("frames only, no videos: {error}")),
     }
     let stage = screen.stage("drawing", cameras.len());
-    for (number, camera) in cameras.iter().enumerate() {
+    for camera in &cameras {
         let frame = draw(&scene, camera, args);
         for sequence in &mut sequences {
-            sequence.add(number, &frame, size, &draft)?;
+            sequence.add(camera, &frame, &draft)?;
         }
         stage.advance();
     }
@@ -146,9 +165,8 @@ impl Sequence {
 
     fn add(
         &mut self,
-        number: usize,
+        camera: &NovelCamera,
         frame: &Frame,
-        (width, height): (u32, u32),
         draft: &Draft,
     ) -> Result<(), ExportError> {
         let bytes = (self.bytes)(frame);
@@ -156,13 +174,13 @@ impl Sequence {
             video.push(&bytes)?;
         }
         Picture {
-            width,
-            height,
+            width: camera.width,
+            height: camera.height,
             kind: self.kind,
             remark: "rendered from where no photo was taken; alpha, if any, is straight",
             bytes: &bytes,
         }
-        .write(draft, &format!("{}/{number:04}.png", self.name))
+        .write(draft, &format!("{}/{}.png", self.name, camera.name))
     }
 }
 

@@ -1,23 +1,29 @@
-//! Cameras where no photo was taken: once around the object, and along the photographer's way.
+//! Cameras where no photo was taken: once around the object, along the photographer's way, and those of
+//! another model of the scene.
 
 use crate::prepare::Prepared;
+use crate::prepare::view::Lens;
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
-use neus_render::rays::Ray;
+use io_colmap::{Camera, CameraModel, Model};
+use neus_render::rays::{Projection as _, Ray};
+use std::path::Path;
 
 /// How much of a turntable's picture the object's box takes, along its shorter side.
 const FILL: f32 = 0.95;
 /// How far along the way a camera counts, in views: hand-held ways are shaky.
 const SMOOTH: f32 = 1.0;
 
-/// A pinhole camera in the normalised frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A camera in the normalised frame.
+#[derive(Clone, Debug)]
 pub struct NovelCamera {
+    /// What its picture is called: a view's name without its ending, or a number.
+    pub name: String,
     /// Pixels across.
     pub width: u32,
     /// Pixels down.
     pub height: u32,
-    /// Focal length in pixels; the axis goes through the middle of the picture.
-    pub focal: f32,
+    /// From pixels to directions.
+    pub lens: Lens,
     /// OpenCV axes.
     pub world_from_camera: Affine3A,
 }
@@ -26,24 +32,42 @@ impl NovelCamera {
     /// The ray through a pixel position.
     #[must_use]
     pub fn ray(&self, pixel: Vec2) -> Option<Ray> {
-        let middle = 0.5 * Vec2::new(self.width as f32, self.height as f32);
-        let direction = ((pixel - middle) / self.focal).extend(1.0);
         Ray::new(
             self.world_from_camera.translation.into(),
-            self.world_from_camera.transform_vector3(direction),
+            self.world_from_camera
+                .transform_vector3(self.lens.unproject(pixel)?),
         )
     }
 
-    /// Looks from a place along `forward`, with `up` towards the top of the picture.
-    fn looking(size: (u32, u32), focal: f32, from: Vec3, forward: Vec3, up: Vec3) -> Self {
+    /// Looks from a place along `forward`, with `up` towards the top of the picture; a pinhole whose axis
+    /// goes through the middle of the picture, `focal` in pixels.
+    fn looking(
+        number: u32,
+        size: (u32, u32),
+        focal: f32,
+        from: Vec3,
+        forward: Vec3,
+        up: Vec3,
+    ) -> Self {
         let forward = forward.normalize_or(Vec3::Z);
         let right = forward.cross(up).try_normalize();
         let right = right.unwrap_or_else(|| forward.any_orthonormal_vector());
         let down = forward.cross(right);
         Self {
+            name: format!("{number:04}"),
             width: size.0,
             height: size.1,
-            focal,
+            lens: Lens(Camera {
+                id: 1,
+                model: CameraModel::SimplePinhole,
+                width: size.0,
+                height: size.1,
+                params: vec![
+                    f64::from(focal),
+                    0.5 * f64::from(size.0),
+                    0.5 * f64::from(size.1),
+                ],
+            }),
             world_from_camera: Affine3A {
                 matrix3: Mat3A::from_cols(right.into(), down.into(), forward.into()),
                 translation: Vec3A::from(from),
@@ -107,7 +131,7 @@ pub fn turntable(data: &Prepared, count: u32, size: (u32, u32)) -> Vec<NovelCame
         .map(|i| {
             let (sin, cos) = (std::f32::consts::TAU * i as f32 / count as f32).sin_cos();
             let from = away * (cos * first + sin * beside) + height * up;
-            NovelCamera::looking(size, focal, from, -from, up)
+            NovelCamera::looking(i, size, focal, from, -from, up)
         })
         .collect()
 }
@@ -136,9 +160,34 @@ pub fn along_the_photos(data: &Prepared, count: u32, size: (u32, u32)) -> Vec<No
                 up += weight * camera.up;
                 weights += weight;
             }
-            NovelCamera::looking(size, focal, centre / weights, forward, up)
+            NovelCamera::looking(i, size, focal, centre / weights, forward, up)
         })
         .collect()
+}
+
+/// The cameras of another model in the scene's own frame, such as of photos that were held back, at their
+/// own sizes.
+#[must_use]
+pub fn of_model(data: &Prepared, model: &Model) -> Vec<NovelCamera> {
+    let cameras = model.views.iter().filter_map(|view| {
+        let camera = model.cameras.get(&view.camera_id)?;
+        let inverse = view.camera_from_world.inverse();
+        let name = Path::new(&view.name).with_extension("");
+        Some(NovelCamera {
+            name: name.to_string_lossy().into_owned(),
+            width: camera.width,
+            height: camera.height,
+            lens: Lens(camera.clone()),
+            world_from_camera: Affine3A {
+                matrix3: Mat3A::from_quat(inverse.rotation.as_quat()),
+                translation: Vec3A::from(
+                    data.frame
+                        .normalised_from_world(view.camera_from_world.centre()),
+                ),
+            },
+        })
+    });
+    cameras.collect()
 }
 
 #[cfg(test)]
@@ -147,8 +196,7 @@ mod tests {
 
     #[test]
     fn the_middle_of_the_picture_is_looked_at_and_up_is_up() {
-        let camera =
-            NovelCamera::looking((40, 30), 50.0, Vec3::new(0.0, 0.0, 5.0), -Vec3::Z, Vec3::Y);
+        let camera = NovelCamera::looking(0, (40, 30), 50.0, 5.0 * Vec3::Z, -Vec3::Z, Vec3::Y);
         let at = |x: f32, y: f32| camera.ray(Vec2::new(x, y)).map(|ray| ray.direction);
         let middle = at(20.0, 15.0).unwrap_or_default();
         assert!(middle.distance(-Vec3::Z) < 1e-6, "{middle}");
