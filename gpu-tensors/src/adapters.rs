@@ -59,15 +59,19 @@ pub struct Adapter {
 }
 
 impl Adapter {
-    /// Burn's device on this adapter; `None` where Burn has no way to name it.
+    /// Burn's device on this adapter; `None` where Burn has no way to name it, and for software renderers in
+    /// builds for SPIR-V, on which Mesa's crashes.
     #[must_use]
     pub fn device(&self) -> Option<Device> {
         let kind = match self.kind {
             AdapterKind::Discrete => DeviceKind::DiscreteGpu(self.index),
             AdapterKind::Integrated => DeviceKind::IntegratedGpu(self.index),
             AdapterKind::Virtual => DeviceKind::VirtualGpu(self.index),
-            // Burn's name for software takes the first.
-            AdapterKind::Software if self.index == 0 => DeviceKind::Cpu,
+            // Burn's name for software takes the first. Built for SPIR-V, it would be fed that, and Mesa's
+            // lavapipe crashes on it.
+            AdapterKind::Software if self.index == 0 && !cfg!(feature = "vulkan") => {
+                DeviceKind::Cpu
+            }
             AdapterKind::Software | AdapterKind::Other => return None,
         };
         Some(Device::wgpu(kind))

@@ -19,15 +19,17 @@ pub struct ChosenDevice {
 
 /// The device of a name of the command line, one of [`DEVICES`](crate::config::DEVICES).
 ///
-/// `auto` is a GPU where the build can use one and there is one, else the CPU: never a software
-/// renderer, which `wgpu` takes when there is nothing else.
+/// `auto` is a GPU where the build can use one and there is one, through CUDA before wgpu, else the CPU:
+/// never a software renderer, which `wgpu` takes when there is nothing else.
 ///
 /// # Errors
 /// When the name is unknown, not compiled in, or there is no such device.
 #[allow(deprecated)] // upstream prefers Flex; NdArray is supported as well
 pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
     match name {
-        "auto" => Ok(gpu(Software::Refused).unwrap_or_else(|| cpu("Flex", Device::flex()))),
+        "auto" => Ok(cuda()
+            .or_else(|| gpu(Software::Refused))
+            .unwrap_or_else(|| cpu("Flex", Device::flex()))),
         "cpu" | "flex" => Ok(cpu("Flex", Device::flex())),
         "ndarray" => Ok(cpu("NdArray", Device::ndarray())),
         "wgpu" if !cfg!(feature = "wgpu") => Err(PrepareError::Device {
@@ -37,9 +39,23 @@ pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
         }),
         "wgpu" => gpu(Software::Allowed).ok_or_else(|| PrepareError::Device {
             name: name.to_owned(),
-            remedy: "wgpu finds no device here; install a graphics driver (Mesa's lavapipe, \
-                     package mesa-vulkan-drivers, does without a GPU), or choose cpu"
+            remedy: if cfg!(feature = "vulkan") {
+                "wgpu finds no GPU here, and this build speaks SPIR-V, on which Mesa's software \
+                 renderer crashes; build with --features wgpu alone, or choose cpu"
+            } else {
+                "wgpu finds no device here; install a graphics driver (Mesa's lavapipe, \
+                 package mesa-vulkan-drivers, does without a GPU), or choose cpu"
+            }
+            .to_owned(),
+        }),
+        "cuda" if !cfg!(feature = "cuda") => Err(PrepareError::Device {
+            name: name.to_owned(),
+            remedy: "this build has no CUDA; build with --features cuda, or choose wgpu or cpu"
                 .to_owned(),
+        }),
+        "cuda" => cuda().ok_or_else(|| PrepareError::Device {
+            name: name.to_owned(),
+            remedy: "there is no NVIDIA GPU with a driver here; choose wgpu or cpu".to_owned(),
         }),
         other => Err(PrepareError::Device {
             name: other.to_owned(),
@@ -53,6 +69,7 @@ pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
 pub fn list() -> String {
     let threads = rayon::current_num_threads();
     let mut text = format!("cpu    {threads} threads (backends: flex, ndarray)\n");
+    write_cuda(&mut text);
     write_gpus(&mut text);
     match choose("auto") {
         Ok(chosen) => _ = writeln!(text, "auto takes: {}", chosen.name),
@@ -66,6 +83,52 @@ fn cpu(backend: &str, device: Device) -> ChosenDevice {
         device,
         name: format!("{backend} on {} threads", rayon::current_num_threads()),
         largest_binding: None,
+    }
+}
+
+#[cfg(not(feature = "cuda"))]
+fn cuda() -> Option<ChosenDevice> {
+    None
+}
+
+#[cfg(not(feature = "cuda"))]
+fn write_cuda(_text: &mut String) {}
+
+/// The first of NVIDIA's GPUs, in the driver's order.
+#[cfg(feature = "cuda")]
+fn cuda() -> Option<ChosenDevice> {
+    let device = cuda_devices().into_iter().next()?;
+    Some(ChosenDevice {
+        name: format!("{} (CUDA)", name_of(&device)),
+        device,
+        largest_binding: None,
+    })
+}
+
+#[cfg(feature = "cuda")]
+fn cuda_devices() -> Vec<Device> {
+    use burn::tensor::DeviceType;
+    Device::enumerate(DeviceType::Cuda)
+        .iter()
+        .cloned()
+        .collect()
+}
+
+#[cfg(feature = "cuda")]
+fn name_of(device: &Device) -> String {
+    device
+        .identity()
+        .map_or_else(|| "NVIDIA GPU".to_owned(), |identity| identity.name)
+}
+
+#[cfg(feature = "cuda")]
+fn write_cuda(text: &mut String) {
+    let devices = cuda_devices();
+    if devices.is_empty() {
+        text.push_str("cuda   no device found\n");
+    }
+    for device in devices {
+        let _ = writeln!(text, "cuda   {}", name_of(&device));
     }
 }
 

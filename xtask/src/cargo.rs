@@ -143,6 +143,7 @@ fn taken_device(arguments: &[OsString]) -> Option<(String, Vec<OsString>)> {
 fn gpu_features(arguments: &[OsString]) -> &'static [&'static str] {
     match taken_device(arguments) {
         Some((device, _)) if device == "wgpu" => &["--features", "wgpu"],
+        Some((device, _)) if device == "cuda" => &["--features", "cuda"],
         _ => &[],
     }
 }
@@ -253,6 +254,7 @@ mod tests {
         let command = workspace().run(Task::Test, arguments);
         assert_eq!(command.environment, [("SOS_REQUIRE_GPU", "1")]);
         assert!(line(Task::Train, &["--device", "wgpu"]).contains(" --features wgpu -- train "));
+        assert!(line(Task::Bench, &["--device", "cuda"]).contains(" --features cuda -- --device"));
         assert!(!line(Task::Train, &["--device", "cpu"]).contains("features"));
     }
 

@@ -38,7 +38,7 @@ pub use sections::{
 use serde::{Deserialize, Serialize};
 
 /// Devices by the name a user gives them.
-pub const DEVICES: [&str; 5] = ["auto", "cpu", "ndarray", "flex", "wgpu"];
+pub const DEVICES: [&str; 6] = ["auto", "cpu", "ndarray", "flex", "wgpu", "cuda"];
 
 /// The whole configuration of a run. `Default` is [`Preset::Default`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -2,28 +2,28 @@
 //!
 //! Ops are compared with their reference in `f64` (plain tensor operations on NdArray, set to
 //! double precision), the step with the same step on Flex. Without a device the tests are skipped
-//! and say so; with `SOS_REQUIRE_GPU=1`, as `cargo xtask test --device wgpu` sets it, they fail.
+//! and say so; with `SOS_REQUIRE_GPU=1`, as `cargo xtask test --device wgpu` (or `cuda`) sets it, they fail.
 //! All memory that kernels write to is filled with NaN beforehand, so that gaps show.
 #![allow(clippy::unwrap_used)]
 
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "gpu")]
 mod adam;
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "gpu")]
 mod colour_field;
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "gpu")]
 mod composite;
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "gpu")]
 mod encode;
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "gpu")]
 mod primitives;
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "gpu")]
 mod sdf_field;
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "gpu")]
 mod step;
-#[cfg(feature = "wgpu")]
+#[cfg(feature = "gpu")]
 mod support;
 
-#[cfg(not(feature = "wgpu"))]
+#[cfg(not(feature = "gpu"))]
 #[test]
 fn ops_on_a_gpu_equal_those_on_the_cpu() {
     assert!(

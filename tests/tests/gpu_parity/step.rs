@@ -177,8 +177,10 @@ fn a_run_trains_on_the_gpu_and_its_checkpoint_goes_on_elsewhere() {
         found.push(f64::from(a.losses.mse));
         expected.push(f64::from(b.losses.mse));
     }
-    // Rounding parts the two runs slowly; the first steps are the same.
-    assert_close("mse", &found[..4], &expected[..4], 1e-3);
+    // Adam's first steps move every weight by the learning rate, also where rounding decides the sign of
+    // its gradient: the first loss is the same, and then the two runs part slowly.
+    assert_close("mse", &found[..1], &expected[..1], VALUE);
+    assert_close("mse", &found[..4], &expected[..4], 1e-2);
     assert_close("mse", &found, &expected, 0.2);
 
     let run = RunFolder::create(&folder.path().join("run"), Existing::Keep).unwrap();

@@ -20,22 +20,36 @@ pub(crate) fn gpu() -> Option<Device> {
     DEVICE
         .get_or_init(|| {
             gpu_tensors::poison_fresh_memory(true);
-            let found = gpu_tensors::adapters();
-            for adapter in &found {
-                if let Some(device) = adapter.device() {
-                    eprintln!("on {} ({})", adapter.name, adapter.kind);
-                    return Some(device);
-                }
+            let found = devices().into_iter().next();
+            if let Some((name, device)) = found {
+                eprintln!("on {name}");
+                return Some(device);
             }
             assert!(
                 std::env::var_os("SOS_REQUIRE_GPU").is_none(),
-                "SOS_REQUIRE_GPU is set, but wgpu finds no device; Mesa's lavapipe (package \
-                 mesa-vulkan-drivers) stands in for one"
+                "SOS_REQUIRE_GPU is set, but this build finds no device; for wgpu, Mesa's lavapipe \
+                 (package mesa-vulkan-drivers) stands in for one"
             );
-            eprintln!("skipped: wgpu finds no device");
+            eprintln!("skipped: this build finds no GPU");
             None
         })
         .clone()
+}
+
+/// The devices that this build can use, with their names; those of CUDA first.
+fn devices() -> Vec<(String, Device)> {
+    let mut devices = Vec::new();
+    #[cfg(feature = "cuda")]
+    for device in Device::enumerate(burn::tensor::DeviceType::Cuda).iter() {
+        devices.push(("CUDA".to_owned(), device.clone()));
+    }
+    #[cfg(feature = "wgpu")]
+    for adapter in gpu_tensors::adapters() {
+        if let Some(device) = adapter.device() {
+            devices.push((format!("{} ({})", adapter.name, adapter.kind), device));
+        }
+    }
+    devices
 }
 
 /// NdArray in double precision, for references alone.
