@@ -2,7 +2,7 @@
 
 use super::hull::{write_hull, write_masks};
 use super::input::{Plan, mask_source};
-use super::train::{quoted, train};
+use super::train::{quoted, train_run};
 use super::{AblateArgs, TrainArgs, answer, program};
 use crate::ablation::{Ablation, Kind, RIVALS, Row, Scored, Start, TABLE};
 use crate::config::RunRecord;
@@ -178,12 +178,24 @@ impl Place {
         })?;
         let record = RunRecord::from_toml(&text).with_context(|| path.display().to_string())?;
         let full = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+        let given = matches!(
+            row.kind,
+            Kind::Run {
+                start: Start::Masks,
+                ..
+            }
+        );
+        let masks = given.then(|| full(&self.masks));
         if let Some(input) = &record.input
-            && input.scene != full(&args.scene)
+            && (&input.scene, &input.masks) != (&full(&args.scene), &masks)
         {
+            let masks = match &input.masks {
+                Some(masks) => format!(" with the masks in {}", masks.display()),
+                None => " without masks".to_owned(),
+            };
             return Err(InputError::new(
                 &dir,
-                format!("it is a run of {}", input.scene.display()),
+                format!("it is a run of {}{masks}", input.scene.display()),
                 "choose another --out",
             )
             .into());
@@ -203,17 +215,26 @@ impl Place {
     /// Makes what is missing of a row; gives the exit code.
     fn make(&self, args: &AblateArgs, row: &Row) -> anyhow::Result<u8> {
         let state = self.state(row);
+        let is_run = matches!(row.kind, Kind::Run { .. });
         let say = |what: &str| {
             if !args.quiet {
                 let _ = writeln!(std::io::stderr(), "== {}: {what}", row.title);
             }
         };
-        if state == State::Finished {
+        if state == State::Finished && is_run {
             say("is there");
             return Ok(EXIT_OK);
         }
         say(&row.definition());
         let alpha = self.out.join(row.name).join("alpha");
+        // Made in seconds, and nothing in it says of which masks it was made.
+        if state == State::Finished {
+            fs::remove_dir_all(&alpha).map_err(|source| RunError::Io {
+                action: "remove",
+                path: alpha.clone(),
+                source,
+            })?;
+        }
         match row.kind {
             Kind::Masks => write_masks(&args.scene, &self.masks, args.polarity, &alpha)?,
             Kind::Hull => write_hull(&args.scene, &self.masks, args.polarity, &alpha)?,
@@ -221,13 +242,14 @@ impl Place {
                 let Some(command) = self.command(args, row) else {
                     return Ok(EXIT_OK);
                 };
-                return train(&TrainArgs {
+                let (code, _) = train_run(&TrainArgs {
                     resume: state == State::Saved,
                     // A preset and a run to go on with exclude each other.
                     preset: command.preset.filter(|_| state != State::Saved),
                     force: state == State::Begun,
                     ..command
-                });
+                })?;
+                return Ok(code);
             }
         };
         Ok(EXIT_OK)

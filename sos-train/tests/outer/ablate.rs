@@ -120,7 +120,14 @@ fn rows_are_trained_once_and_scored_together() {
         );
     }
 
-    // Runs of other settings are not mixed into a table.
+    // Runs of other settings or masks are not mixed into a table.
+    let other = ["--masks", "scene/alpha_gt", "--only", "semantic"];
+    let (code, _, said) = ablate(dir.path(), &[&few[..], &other].concat());
+    assert_eq!(code, Some(2), "{said}");
+    assert!(
+        said.contains("with the masks in") && said.contains("coarse_masks"),
+        "{said}"
+    );
     let (code, _, said) = ablate(dir.path(), &["--steps", "4", "--only", "semantic"]);
     assert_eq!(code, Some(2), "{said}");
     assert!(said.contains("steps = 3, not 4"), "{said}");
