@@ -167,7 +167,7 @@ pub struct Ablation {
 #[derive(Debug, Clone, Serialize)]
 pub struct Scored {
     /// The row's folder.
-    pub name: &'static str,
+    pub row: &'static str,
     /// What it is: [`Row::definition`].
     pub definition: String,
     /// Seconds of its whole run, pictures included; none where nothing was trained.
@@ -205,7 +205,7 @@ impl Ablation {
             let _ = write!(
                 out,
                 "- {} (`{}/`): `{}`",
-                row.compared.name, row.name, row.definition
+                row.compared.name, row.row, row.definition
             );
             if let Some(seconds) = row.seconds {
                 let _ = write!(out, ", {seconds:.0} s");

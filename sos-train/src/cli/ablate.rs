@@ -281,7 +281,7 @@ impl Place {
             settings: settings_of(args),
             rows: scored
                 .map(|(row, compared)| Scored {
-                    name: row.name,
+                    row: row.name,
                     definition: row.definition(),
                     seconds: self.seconds(row),
                     compared,

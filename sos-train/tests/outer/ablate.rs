@@ -79,7 +79,7 @@ fn rows_are_trained_once_and_scored_together() {
     let json = fs::read_to_string(table.join("ablation.json")).unwrap();
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!(json["rows"].as_array().unwrap().len(), rows.len());
-    assert_eq!(json["rows"][0]["name"], "mask");
+    assert_eq!(json["rows"][0]["row"], "mask");
     let iou = &json["rows"][0]["report"]["mean"]["iou"];
     assert_eq!(*iou, masks["contenders"][0]["report"]["mean"]["iou"]);
     assert!(iou.as_f64().unwrap() > 0.3);
