@@ -39,6 +39,16 @@ impl Geometry {
         self.values[i * self.columns]
     }
 
+    /// Feature `k` of point `i`.
+    ///
+    /// # Panics
+    /// When the field was asked without its features.
+    #[must_use]
+    pub fn feature(&self, i: usize, k: usize) -> f32 {
+        assert!(k + 4 < self.columns, "Geometry::feature: no feature {k}");
+        self.values[i * self.columns + 1 + k]
+    }
+
     /// Normal of point `i`: the sdf's gradient, not normalised.
     #[must_use]
     pub fn normal(&self, i: usize) -> glam::Vec3 {
@@ -141,6 +151,23 @@ impl FrozenSurface {
         };
         let out = values(sdf_field(self.rows(points, 3), self.sdf.clone(), config));
         out.chunks_exact(self.columns()).map(|row| row[0]).collect()
+    }
+
+    /// Gradients of the first output at `points: [n, 3]`, not normalised, also of a field that is read
+    /// as a density. They point to where there is less of it.
+    #[must_use]
+    pub fn gradients_of(&self, points: Vec<f32>) -> Vec<glam::Vec3> {
+        if points.is_empty() {
+            return Vec::new();
+        }
+        let config = SdfFieldConfig {
+            normal: Normal::Computed,
+            ..self.config.clone()
+        };
+        let out = values(sdf_field(self.rows(points, 3), self.sdf.clone(), config));
+        out.chunks_exact(self.columns())
+            .map(|row| glam::Vec3::from_slice(&row[row.len() - 3..]))
+            .collect()
     }
 
     /// Colours `[n, C]` of points with the geometry that [`FrozenSurface::geometry`] returned.

@@ -24,6 +24,10 @@ pub struct SceneConfig {
     pub object_features: usize,
     /// Width of BaCo's geometry feature.
     pub background_features: usize,
+    /// FoCoR's shape before training.
+    pub object_initial: InitialShape,
+    /// Further inputs of BaCo's colour network: one, m^P, or none.
+    pub background_extra: usize,
     /// BaCo's shape before training.
     pub background_initial: InitialShape,
     /// Degree of the harmonics of view directions that colours depend on; 1: the direction alone.
@@ -33,7 +37,7 @@ pub struct SceneConfig {
 }
 
 impl SceneConfig {
-    /// FoCoR: a ball of radius 0.5 in the box `[-1, 1]^3`, with an alpha head.
+    /// FoCoR, in the box `[-1, 1]^3`, with an alpha head.
     #[must_use]
     pub fn object(&self) -> SurfaceConfig {
         SurfaceConfig {
@@ -45,18 +49,18 @@ impl SceneConfig {
             outputs: 4,
             half_side: 1.0,
             beta: 100.0,
-            initial: InitialShape::Ball(0.5),
+            initial: self.object_initial,
         }
     }
 
-    /// BaCo, over contracted space, with m^P as a further input of its colour.
+    /// BaCo, over contracted space, where m^P is a further input of its colour.
     #[must_use]
     pub fn background(&self) -> SurfaceConfig {
         SurfaceConfig {
             grid: self.background_grid.clone(),
             hidden: self.hidden,
             features: self.background_features,
-            extra: 1,
+            extra: self.background_extra,
             direction_degree: self.direction_degree,
             outputs: 3,
             half_side: BACKGROUND_HALF_SIDE,

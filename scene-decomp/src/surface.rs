@@ -240,14 +240,31 @@ impl Surface {
         config: SdfFieldConfig,
         rows: RowConfig,
     ) -> Tensor<2> {
+        let inputs = [points, directions, extra, stretch];
+        self.rows_and_geometry(inputs, config, rows).0
+    }
+
+    /// [`Surface::sample_rows`] with the geometry below it, `[n, 1 + G + 3]`, for whoever reads more of
+    /// it than compositing does.
+    ///
+    /// The lists are `points`, `directions`, `extra` and `stretch`, as there.
+    #[must_use]
+    pub fn rows_and_geometry(
+        &self,
+        [points, directions, extra, stretch]: [&[f32]; 4],
+        config: SdfFieldConfig,
+        rows: RowConfig,
+    ) -> (Tensor<2>, Tensor<2>) {
         let n = points.len() / 3;
         let inputs = self.inputs(points, directions, extra, rows.view_share, config);
+        let geometry = inputs.geometry.clone();
         let columns = stretch.len().checked_div(n).unwrap_or(0);
         let stretch = Tensor::from_data(
             TensorData::new(stretch.to_vec(), [n, columns]),
             &inputs.points.device(),
         );
-        sample_rows(inputs, stretch, self.colour_weights(), rows)
+        let rows = sample_rows(inputs, stretch, self.colour_weights(), rows);
+        (rows, geometry)
     }
 
     /// The harmonics are of `view_share` of the directions, as the op's own are.

@@ -11,7 +11,7 @@ use burn::tensor::{Device, TensorData};
 use hashgrid::{GridConfig, GridLayout};
 use scene_decomp::colour_field::{self, ColourFieldInputs, Reading, RowConfig};
 use scene_decomp::sdf_field;
-use scene_decomp::{InitialShape, Surface, SurfaceConfig};
+use scene_decomp::{FrozenSurface, InitialShape, Surface, SurfaceConfig};
 
 /// Sums of up to 64 products in another order, in single precision, through two layers.
 const VALUE_TOLERANCE: f32 = 2e-5;
@@ -348,4 +348,34 @@ fn no_points_give_no_rows() {
     let empty = tensor(Vec::new(), [0, 3], &device);
     let out = surface.geometry(empty, surface.sdf_config(&layout, 5, None));
     assert_eq!(out.dims(), [0, 11]);
+}
+
+#[test]
+fn a_density_has_a_gradient_for_whoever_asks() {
+    let device = Device::flex();
+    let config = SurfaceConfig {
+        beta: 5.0,
+        initial: InitialShape::Flat(2.0),
+        ..config()
+    };
+    let layout = Arc::new(GridLayout::new(&config.grid));
+    let frozen = FrozenSurface::new(&Surface::new(&config, 3, &device), &layout, 5);
+    let points = numbers(60, 8);
+    let geometry = frozen.geometry(&points);
+    let gradients = frozen.gradients_of(points.clone());
+    let step = 2e-3;
+    for (i, gradient) in gradients.into_iter().enumerate() {
+        assert_eq!(geometry.normal(i), glam::Vec3::ZERO);
+        for (axis, found) in gradient.to_array().into_iter().enumerate() {
+            let value = |by: f32| {
+                let mut point = points[3 * i..3 * i + 3].to_vec();
+                point[axis] += by;
+                frozen.distances_of(point)[0]
+            };
+            // Both in single precision; the values are of the order of 2.
+            let expected = (value(step) - value(-step)) / (2.0 * step);
+            assert!((found - expected).abs() < 5e-3, "{i}: {found} {expected}");
+        }
+        assert!(gradient.length() > 1e-2);
+    }
 }

@@ -5,7 +5,7 @@ use crate::folders::compare_folders;
 use crate::matching::{list_pictures, match_views};
 use crate::report::Report;
 use crate::run::run_eval;
-use crate::table::{score_cells, score_headings};
+use crate::table::{markdown_cells, markdown_headings, score_cells, score_headings};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -136,7 +136,38 @@ pub fn mattes_by_view(
         .collect())
 }
 
+impl Compared {
+    /// The plates' PSNR where seen, in dB, and the mesh's chamfer distance in % of the object's size.
+    fn plate_and_mesh(&self) -> [String; 2] {
+        let plate = self.report.plate.as_ref().and_then(|plate| plate.seen);
+        let mesh = self.report.mesh.as_ref().map(|mesh| mesh.relative.chamfer);
+        [
+            plate.map_or("-".to_owned(), |seen| format!("{:.2}", seen.psnr)),
+            mesh.map_or("-".to_owned(), |share| format!("{:.3}", 100.0 * share)),
+        ]
+    }
+}
+
 impl Comparison {
+    /// [`Comparison::table`] in Markdown, without what is missing.
+    #[must_use]
+    pub fn markdown(&self) -> String {
+        let headings = markdown_headings();
+        let rule = "---:|".repeat(headings.len() + 2);
+        let mut out = format!(
+            "| | {} | plate | mesh |\n|---|{rule}\n",
+            headings.join(" | ")
+        );
+        for compared in &self.contenders {
+            let name = compared.name.replace('|', "\\|");
+            let scores = markdown_cells(&compared.report.mean).join(" | ");
+            let [plate, mesh] = compared.plate_and_mesh();
+            // Writing to a string cannot fail.
+            let _ = writeln!(out, "| {name} | {scores} | {plate} | {mesh} |");
+        }
+        out
+    }
+
     /// One line a contender: the mean of each metric, the plates' PSNR where seen in dB, the mesh's
     /// chamfer distance in % of the object's size; `-` where there is none.
     #[must_use]
@@ -146,17 +177,11 @@ impl Comparison {
         let mut out = format!("{:width$}", "");
         out.push_str(&score_headings());
         out.push_str("     plate      mesh\n");
-        for Compared { name, report } in &self.contenders {
-            let plate = report.plate.as_ref().and_then(|plate| plate.seen);
-            let mesh = report.mesh.as_ref().map(|mesh| mesh.relative.chamfer);
+        for compared in &self.contenders {
+            let [plate, mesh] = compared.plate_and_mesh();
+            let (name, scores) = (&compared.name, score_cells(&compared.report.mean));
             // Writing to a string cannot fail.
-            let _ = writeln!(
-                out,
-                "{name:width$}{}  {:>8}  {:>8}",
-                score_cells(&report.mean),
-                plate.map_or("-".to_owned(), |seen| format!("{:.2}", seen.psnr)),
-                mesh.map_or("-".to_owned(), |share| format!("{:.3}", 100.0 * share)),
-            );
+            let _ = writeln!(out, "{name:width$}{scores}  {plate:>8}  {mesh:>8}");
         }
         for Compared { name, report } in &self.contenders {
             if !report.missing.is_empty() {

@@ -144,6 +144,19 @@ pub(crate) fn score_cells(score: &AlphaScore) -> String {
         .collect()
 }
 
+/// The names of a score's values.
+pub(crate) fn markdown_headings() -> [&'static str; 8] {
+    HEADINGS
+}
+
+/// A score's values under [`markdown_headings`].
+pub(crate) fn markdown_cells(score: &AlphaScore) -> Vec<String> {
+    let values = score.to_array().into_iter().zip(DECIMALS);
+    values
+        .map(|(value, decimals)| format!("{value:.decimals$}"))
+        .collect()
+}
+
 /// Writing to a string cannot fail.
 fn push(out: &mut String, text: fmt::Arguments<'_>) {
     let _ = out.write_fmt(text);

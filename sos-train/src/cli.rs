@@ -4,6 +4,7 @@
 //! 2 for input that cannot be used (one sentence with the file and the remedy), 3 where a check of
 //! `sos doctor` failed, 130 after Ctrl-C with a checkpoint saved, and 1 for a fault in here.
 
+mod ablate;
 mod args;
 mod capture;
 mod degrade;
@@ -18,8 +19,8 @@ mod render;
 mod train;
 
 pub use args::{
-    CaptureArgs, Command, CompareArgs, DegradeArgs, DoctorArgs, EvalArgs, ExportArgs, HullArgs,
-    ImportArgs, RenderArgs, ReportArgs, Sos, TrainArgs,
+    AblateArgs, CaptureArgs, Command, CompareArgs, DegradeArgs, DoctorArgs, EvalArgs, ExportArgs,
+    HullArgs, ImportArgs, RenderArgs, ReportArgs, Sos, TrainArgs,
 };
 
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
@@ -71,6 +72,7 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Compare(args) => evaluate::compare(args).map(|()| EXIT_OK),
         Command::Hull(args) => hull::write(args).map(|()| EXIT_OK),
         Command::Degrade(args) => degrade::write(args).map(|()| EXIT_OK),
+        Command::Ablate(args) => ablate::ablate(args),
         Command::Report(args) => evaluate::report(args).map(|()| EXIT_OK),
         Command::Devices => {
             answer(&crate::device::list());

@@ -15,6 +15,7 @@
 //! | [`run_folder`], [`export`] | where results lie, and how they get there in one piece |
 //! | [`audit`] | what the results say about themselves without ground truth |
 //! | [`report`] | `report.html` |
+//! | [`ablation`] | the rows of the paper's table, and rivals, as configurations |
 //! | [`live`] | the page of a run in progress |
 //! | [`progress`], [`error`] | what a person sees meanwhile; whose fault an error is |
 //!
@@ -42,6 +43,7 @@
 //! # Ok::<(), sos_train::config::ConfigError>(())
 //! ```
 
+pub mod ablation;
 pub mod audit;
 pub mod cli;
 pub mod config;

@@ -5,12 +5,14 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use demo_scene::DemoConfig;
+use glam::{DVec3, Vec2, Vec3};
 use io_colmap::{MaskSet, Scene};
 use sos_train::config::{Preset, TrainConfig};
 use sos_train::discover::hint::Click;
 use sos_train::discover::{Discovery, Hint, find_object};
 use sos_train::prepare::view::load_views;
 use sos_train::prepare::{Prepared, prepare};
+use sos_train::render::mesh;
 use sos_train::run_folder::{Existing, RunFolder};
 use sos_train::train::Trainer;
 
@@ -78,6 +80,94 @@ fn the_demo_scene_is_learnt() {
         last < 0.5 * first,
         "squared error fell from {first} to {last} only"
     );
+}
+
+/// Overlap of a run's mattes with the true ones, on every other pixel of three views of the tiny demo.
+fn overlap_of_mattes(trainer: &Trainer, data: &Prepared) -> f64 {
+    let truth = demo_scene::generate(&DemoConfig::tiny());
+    let scene = trainer.freeze();
+    let (mut both, mut either) = (0, 0);
+    for index in [0, data.views.len() / 2, data.views.len() - 1] {
+        let view = &data.views[index];
+        let pose = view.world_from_camera(&data.frame);
+        let (mut rays, mut alphas) = (Vec::new(), Vec::new());
+        for y in (0..view.height()).step_by(2) {
+            for x in (0..view.width()).step_by(2) {
+                let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+                rays.push(view.ray(&pose, pixel).unwrap());
+                alphas.push(truth.views[index].alpha.get_pixel(x, y).0[0]);
+            }
+        }
+        for (matte, alpha) in scene.mattes(&rays).into_iter().zip(alphas) {
+            let (own, true_one) = (matte >= 0.5, alpha >= 128);
+            both += u32::from(own && true_one);
+            either += u32::from(own || true_one);
+        }
+    }
+    f64::from(both) / f64::from(either.max(1))
+}
+
+/// Trains the tiny demo with these settings: the object is found, has a surface, and a stop changes nothing.
+fn a_rival_learns(settings: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = small_config(300);
+    for setting in settings {
+        config.apply_override(setting).unwrap();
+    }
+    config.validate().unwrap();
+    let data = prepared(folder.path(), &config);
+    let run = RunFolder::create(&folder.path().join("run"), Existing::Keep).unwrap();
+    let mut trainer = Trainer::new(&config, &data).unwrap();
+    let mut resumed = Trainer::new(&config, &data).unwrap();
+    while trainer.step_number() < config.steps {
+        if trainer.step_number() == 200 {
+            trainer.save(&run, 1.0).unwrap();
+            resumed.load(&run).unwrap();
+        }
+        let report = trainer.step(&data);
+        assert!(report.is_finite());
+        if (200..210).contains(&(trainer.step_number() - 1)) {
+            let again = resumed.step(&data);
+            assert_eq!(again.losses.total.to_bits(), report.losses.total.to_bits());
+        }
+    }
+    let score = overlap_of_mattes(&trainer, &data);
+    assert!(score > 0.6, "{settings:?}: IoU {score}");
+
+    let scene = trainer.freeze();
+    let mesh = mesh::extract(&scene, &data.frame, 48).unwrap();
+    // Near the object, and with normals that point away from its middle more often than not.
+    let (low, high) = demo_scene::target_bounds();
+    let middle = 0.5 * (low + high);
+    let outwards = mesh
+        .positions
+        .iter()
+        .zip(&mesh.normals)
+        .filter(|(at, normal)| {
+            let away = (DVec3::from(**at) - middle).as_vec3();
+            away.dot(Vec3::from(**normal)) > 0.0
+        });
+    assert!(2 * outwards.count() > mesh.positions.len(), "{settings:?}");
+    let near = mesh.positions.iter().filter(|at| {
+        let at = DVec3::from(**at) - middle;
+        at.length() < (high - low).length()
+    });
+    assert!(10 * near.count() > 9 * mesh.positions.len(), "{settings:?}");
+}
+
+#[test]
+fn a_radiance_field_for_the_object_learns() {
+    a_rival_learns(&["model.foreground=density"]);
+}
+
+#[test]
+fn a_semantic_field_learns() {
+    a_rival_learns(&["model.fields=semantic"]);
+}
+
+#[test]
+fn the_object_alone_learns() {
+    a_rival_learns(&["model.fields=object", "loss.mask_hold=1", "loss.mask_end=1"]);
 }
 
 /// Trains with a stop at `stop`, and straight through: both must end in the same bits.

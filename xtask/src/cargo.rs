@@ -89,6 +89,7 @@ impl Workspace {
             Task::Export => program("sos-train", "sos", &["export"]),
             Task::Eval => program("sos-train", "sos", &["eval"]),
             Task::Compare => program("sos-train", "sos", &["compare"]),
+            Task::Ablate => program("sos-train", "sos", &["ablate"]),
             Task::Sos => program("sos-train", "sos", &[]),
             Task::Demo => program("demo-scene", "demo-scene", &[]),
             Task::Bench => program("sos-bench", "sos-bench", &[]),
@@ -99,7 +100,13 @@ impl Workspace {
         let mut command = command.with_all(arguments);
         if matches!(
             task,
-            Task::Train | Task::Import | Task::Export | Task::Eval | Task::Compare | Task::Sos
+            Task::Train
+                | Task::Import
+                | Task::Export
+                | Task::Eval
+                | Task::Compare
+                | Task::Ablate
+                | Task::Sos
         ) {
             // So that hints can be pasted: `cargo xtask train --resume`.
             command.environment.push(("SOS_INVOKED_AS", "cargo xtask"));
@@ -208,6 +215,10 @@ mod tests {
         assert_eq!(
             line(Task::Export, &["runs/demo", "--to", "glb"]),
             format!("{sos} export runs/demo --to glb")
+        );
+        assert_eq!(
+            line(Task::Ablate, &["scene", "--rivals"]),
+            format!("{sos} ablate scene --rivals")
         );
         assert_eq!(line(Task::Sos, &["--version"]), format!("{sos} --version"));
     }

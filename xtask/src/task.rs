@@ -13,6 +13,7 @@ usage: cargo xtask TASK [ARGUMENTS]
   export RUN      turn results into EXR layers, OBJ, GLB, COCO, tools' masks (sos export)
   eval RUN        score a run against ground truth (sos eval)
   compare ...     score runs and other systems' masks side by side (sos compare)
+  ablate SCENE    train and score the paper's ablation, with --rivals others too (sos ablate)
   sos ...         any other command of the sos program
   demo OUT        write the demo scene with its exact ground truth (demo-scene)
   test            run all tests; with --device wgpu just the GPU kernels', none skipped
@@ -36,6 +37,7 @@ pub(crate) enum Task {
     Export,
     Eval,
     Compare,
+    Ablate,
     Sos,
     Demo,
     Test,
@@ -44,12 +46,13 @@ pub(crate) enum Task {
     Ci,
 }
 
-const TASKS: [(&str, Task); 11] = [
+const TASKS: [(&str, Task); 12] = [
     ("train", Task::Train),
     ("import", Task::Import),
     ("export", Task::Export),
     ("eval", Task::Eval),
     ("compare", Task::Compare),
+    ("ablate", Task::Ablate),
     ("sos", Task::Sos),
     ("demo", Task::Demo),
     ("test", Task::Test),

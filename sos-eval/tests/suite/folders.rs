@@ -269,6 +269,16 @@ fn contenders_are_scored_side_by_side() {
         "{table}"
     );
     assert_eq!(table.lines().count(), 4, "{table}");
+    let markdown = comparison.markdown();
+    let lines: Vec<&str> = markdown.lines().collect();
+    assert_eq!(lines.len(), 4, "{markdown}");
+    let columns: Vec<usize> = lines.iter().map(|line| line.matches('|').count()).collect();
+    assert_eq!(columns, [12; 4], "{markdown}");
+    let iou = format!("{:.4}", run.report.mean.iou);
+    assert!(
+        lines[2].starts_with(&format!("| pred | {iou} |")),
+        "{markdown}"
+    );
 
     let rows = mattes_by_view(&contenders, &truth).unwrap();
     let found: Vec<_> = rows.iter().map(|(_, files)| files[2].is_some()).collect();

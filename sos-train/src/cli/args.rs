@@ -16,7 +16,6 @@ Commands:
 
 const EXAMPLES: &str = "\
 Each explains itself with --help; --version tells the version. For shells: completions, man. For tests: degrade.
-
 Examples:
   sos train                                  the built-in demo, into runs/demo
   sos train photos/cat --masks photos/masks  photos with a COLMAP model and rough masks
@@ -67,6 +66,8 @@ pub enum Command {
     /// Write masks with the faults of rough segmenters, made from true ones, to start a test from.
     #[command(hide = true)]
     Degrade(DegradeArgs),
+    /// Train and score the rows of the paper's ablation, and rivals, on one scene.
+    Ablate(Box<AblateArgs>),
     /// Make a run's report.html again.
     Report(ReportArgs),
     /// List what this build can compute on.
@@ -409,6 +410,61 @@ fn share(text: &str) -> Result<f64, String> {
         Ok(share) if (0.0..0.9).contains(&share) => Ok(share),
         _ => Err("it is a number from 0 to 0.9".to_owned()),
     }
+}
+
+/// `sos ablate`.
+#[derive(Debug, Clone, Args)]
+pub struct AblateArgs {
+    /// Folder with photos, their COLMAP model and ground truth (alpha_gt/).
+    pub scene: PathBuf,
+    /// Folder with a rough mask per photo [default: SCENE/masks or SCENE/coarse_masks].
+    #[arg(long, value_name = "DIR")]
+    pub masks: Option<PathBuf>,
+    /// Colour of the object in the masks: white or black [default: detected].
+    #[arg(long, value_enum, value_name = "COLOUR", hide_possible_values = true)]
+    pub polarity: Option<MaskPolarity>,
+    /// Folder of true mattes, or a scene folder with alpha_gt/ in it [default: SCENE].
+    #[arg(long, value_name = "DIR")]
+    pub gt: Option<PathBuf>,
+    /// Folder for the runs, a folder each, and the table [default: runs/NAME_OF_SCENE-ablation].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Rivals too: the soft visual hull, a radiance field for FoCoR, a semantic field.
+    #[arg(long)]
+    pub rivals: bool,
+    /// Only this row, as its folder is called; may be repeated.
+    #[arg(long, value_name = "ROW", conflicts_with = "rivals", value_parser = row)]
+    pub only: Vec<crate::ablation::Row>,
+    /// Settings all rows start from: quick, default or paper [default: default].
+    #[arg(long, value_enum, value_name = "NAME", hide_possible_values = true)]
+    pub preset: Option<Preset>,
+    /// Training steps of each run [default: the preset's].
+    #[arg(long, value_name = "N")]
+    pub steps: Option<u32>,
+    /// Train on photos of 1/N of their width and height; results keep the photos' size [default: 1].
+    #[arg(long, value_name = "N")]
+    pub downscale: Option<u32>,
+    /// Where to compute: auto, cpu, ndarray, flex or wgpu [default: auto].
+    #[arg(long, value_name = "NAME")]
+    pub device: Option<String>,
+    /// Seed of all random draws [default: 1].
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Change any setting of all rows, below a row's own; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Train even where a check of the scene fails (sos doctor shows them).
+    #[arg(long)]
+    pub skip_checks: bool,
+    /// Print nothing but the table, errors and warnings.
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// A row of the ablation by its name.
+fn row(name: &str) -> Result<crate::ablation::Row, String> {
+    let row = crate::ablation::Row::named(name);
+    row.ok_or_else(|| format!("the rows are {}", crate::ablation::Row::names().join(", ")))
 }
 
 /// `sos report`.

@@ -1,15 +1,17 @@
 //! `sos hull`: the classical answer, to be measured against.
 
 use super::{HullArgs, answer};
-use crate::config::{Preset, TrainConfig};
+use crate::config::{MaskPolarity, Preset, TrainConfig};
 use crate::error::InputError;
 use crate::export::check_names;
 use crate::prepare::view::load_views;
 use crate::prepare::{outline, prepare};
 use crate::run_folder::{RunError, view_file};
+use image::GrayImage;
 use io_colmap::{MaskSet, Scene};
 use rayon::prelude::*;
 use std::fs;
+use std::path::Path;
 
 /// Share of masks at which the matte is 0.5, and the span over which it rises from 0 to 1. Nearly all
 /// must agree: a hull of half of them is fat.
@@ -24,9 +26,24 @@ pub(super) fn write(args: &HullArgs) -> anyhow::Result<()> {
     if args.out.exists() {
         return Err(InputError::new(&args.out, "it exists already", "choose another --out").into());
     }
-    let scene = Scene::open(&args.scene)?;
+    let views = write_hull(&args.scene, &args.masks, args.polarity, &args.out)?;
+    answer(&format!(
+        "{}: the masks' visual hull, seen from {views} views",
+        args.out.display(),
+    ));
+    Ok(())
+}
+
+/// Writes the mattes into `out`, which does not exist yet, and says how many.
+pub(super) fn write_hull(
+    scene: &Path,
+    masks: &Path,
+    polarity: Option<MaskPolarity>,
+    out: &Path,
+) -> anyhow::Result<usize> {
+    let scene = Scene::open(scene)?;
     check_names(scene.model.views.iter().map(|view| view.name.as_str()))?;
-    let masks = MaskSet::find(&args.masks, &scene, args.polarity.map(Into::into))?;
+    let masks = MaskSet::find(masks, &scene, polarity.map(Into::into))?;
     let config = TrainConfig::preset(Preset::Default);
     let views = load_views(&scene, Some(&masks))?;
     let data = prepare(
@@ -35,33 +52,63 @@ pub(super) fn write(args: &HullArgs) -> anyhow::Result<()> {
         &config.prepare,
         config.loss.ignore_band,
     )?;
-    // Beside its place first: no half of it is ever taken for the whole.
-    let fresh = args.out.with_extension("part");
-    let failed = |action, path: &std::path::Path, source| RunError::Io {
-        action,
-        path: path.to_path_buf(),
-        source,
-    };
-    fs::create_dir_all(&fresh).map_err(|e| failed("create", &fresh, e))?;
-    data.views.par_iter().try_for_each(|view| {
-        let path = view_file(&fresh, &view.name, "png");
-        if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder).map_err(|e| failed("create", folder, e))?;
-        }
+    write_mattes(out, data.views.len(), |index| {
+        let view = &data.views[index];
         let mut hull = outline::silhouette(view, &data.frame, &data.map, 1);
         for pixel in hull.pixels_mut() {
             let share = f32::from(pixel.0[0]) / 255.0;
             let matte = ((share - MIDDLE) / SOFTNESS + 0.5).clamp(0.0, 1.0);
             pixel.0[0] = (255.0 * matte).round() as u8;
         }
-        let written = hull.save(&path).map_err(std::io::Error::other);
-        written.map_err(|e| failed("write", &path, e))
-    })?;
-    fs::rename(&fresh, &args.out).map_err(|e| failed("write", &args.out, e))?;
-    answer(&format!(
-        "{}: the masks' visual hull, seen from {} views",
-        args.out.display(),
-        data.views.len()
-    ));
-    Ok(())
+        Some((view.name.as_str(), hull))
+    })
+}
+
+/// Writes masks as they were given, white for the object, as mattes into `out`, which does not exist
+/// yet; photos without one have none. Says how many.
+pub(super) fn write_masks(
+    scene: &Path,
+    masks: &Path,
+    polarity: Option<MaskPolarity>,
+    out: &Path,
+) -> anyhow::Result<usize> {
+    let scene = Scene::open(scene)?;
+    check_names(scene.model.views.iter().map(|view| view.name.as_str()))?;
+    let masks = MaskSet::find(masks, &scene, polarity.map(Into::into))?;
+    let views = load_views(&scene, Some(&masks))?;
+    write_mattes(out, views.len(), |index| {
+        let view = &views[index];
+        Some((view.name.as_str(), view.mask.clone()?))
+    })
+}
+
+/// Writes those of `count` mattes that there are, each with its photo's name.
+fn write_mattes<'a>(
+    out: &Path,
+    count: usize,
+    matte: impl Fn(usize) -> Option<(&'a str, GrayImage)> + Sync,
+) -> anyhow::Result<usize> {
+    // Beside its place first: no half of it is ever taken for the whole.
+    let fresh = out.with_extension("part");
+    let failed = |action, path: &Path, source| RunError::Io {
+        action,
+        path: path.to_path_buf(),
+        source,
+    };
+    fs::create_dir_all(&fresh).map_err(|e| failed("create", &fresh, e))?;
+    let written = (0..count).into_par_iter().map(|index| {
+        let Some((name, picture)) = matte(index) else {
+            return Ok(0);
+        };
+        let path = view_file(&fresh, name, "png");
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(|e| failed("create", folder, e))?;
+        }
+        let written = picture.save(&path).map_err(std::io::Error::other);
+        written.map_err(|e| failed("write", &path, e))?;
+        Ok(1)
+    });
+    let written = written.sum::<Result<usize, RunError>>()?;
+    fs::rename(&fresh, out).map_err(|e| failed("write", out, e))?;
+    Ok(written)
 }

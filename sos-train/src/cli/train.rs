@@ -19,7 +19,20 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+/// Trains, and says where everything is.
 pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
+    let (code, run) = train_run(args)?;
+    if code == EXIT_OK {
+        answer(&format!(
+            "everything is in {}; start with report.html",
+            run.display()
+        ));
+    }
+    Ok(code)
+}
+
+/// Trains; gives the exit code and the run's folder.
+pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
     let plan = Plan::new(args)?;
     let screen = Progress::new(args.quiet, 0);
     let demo = plan.source == Source::Demo;
@@ -42,7 +55,10 @@ pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
     })?;
     let run = ready.run.clone();
     match start(args, plan, ready, &screen) {
-        Ok(TrainOutcome::Finished) => finish(&run, demo, &screen).map(|()| EXIT_OK),
+        Ok(TrainOutcome::Finished) => {
+            finish(&run, demo, &screen)?;
+            Ok((EXIT_OK, run.root().to_path_buf()))
+        }
         Ok(TrainOutcome::NotBegun) => {
             if !args.resume {
                 run.abandon(owns_scene)?;
@@ -51,7 +67,7 @@ pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
                 std::io::stderr(),
                 "stopped while looking for the object; nothing is left to go on from"
             );
-            Ok(EXIT_INTERRUPTED)
+            Ok((EXIT_INTERRUPTED, run.root().to_path_buf()))
         }
         Ok(TrainOutcome::Interrupted { step }) => {
             let _ = writeln!(
@@ -60,7 +76,7 @@ pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
                 program(),
                 quoted(run.root())
             );
-            Ok(EXIT_INTERRUPTED)
+            Ok((EXIT_INTERRUPTED, run.root().to_path_buf()))
         }
         Err(error) => {
             // Input that cannot be used leaves nothing behind; a run that got somewhere does.
@@ -273,7 +289,7 @@ fn show(
     Ok((live, server))
 }
 
-/// Scores a run of the demo, writes the report, says where everything is.
+/// Scores a run of the demo, writes the report.
 fn finish(run: &RunFolder, demo: bool, screen: &Progress) -> anyhow::Result<()> {
     if demo {
         let scene = run.scene_dir();
@@ -285,12 +301,7 @@ fn finish(run: &RunFolder, demo: bool, screen: &Progress) -> anyhow::Result<()> 
         };
         metrics.write(run)?;
     }
-    evaluate::make_report(run, None)?;
-    answer(&format!(
-        "everything is in {}; start with report.html",
-        run.root().display()
-    ));
-    Ok(())
+    evaluate::make_report(run, None)
 }
 
 /// A path that can be pasted into a shell.

@@ -1,7 +1,7 @@
 //! Values that cannot work, found before anything starts.
 
 use super::overlay::entries;
-use super::{ConfigError, DEVICES, TrainConfig};
+use super::{ConfigError, DEVICES, Fields, TrainConfig, Transparency};
 
 /// Settings that a checkpoint has built in: sizes of tables and networks, the box, the random draws.
 const FIXED_ON_RESUME: [&str; 4] = [
@@ -98,6 +98,13 @@ impl TrainConfig {
                 ),
             ));
         }
+        if model.fields == Fields::Semantic && model.background == Transparency::Sdf {
+            return Err(bad(
+                "model.fields",
+                "semantic",
+                "its one field is a density; set model.background to density as well".to_owned(),
+            ));
+        }
         for (key, value) in [
             ("loss.mask_hold", loss.mask_hold),
             ("loss.mask_end", loss.mask_end),
@@ -152,6 +159,7 @@ impl TrainConfig {
             ("loss.far", loss.far),
             ("loss.hidden", loss.hidden),
             ("loss.background", loss.background),
+            ("loss.semantic", loss.semantic),
             (
                 "schedule.sharpness_learning_rate",
                 schedule.sharpness_learning_rate,

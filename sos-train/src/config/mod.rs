@@ -31,7 +31,7 @@ pub use error::ConfigError;
 pub use preset::Preset;
 pub use record::{InputRecord, MaskPolarity, RunRecord, Versions};
 pub use sections::{
-    AlphaSource, Blend, ColourLoss, ExportConfig, Interpolation, LossConfig, ModelConfig,
+    AlphaSource, Blend, ColourLoss, ExportConfig, Fields, Interpolation, LossConfig, ModelConfig,
     PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
 };
 
@@ -66,6 +66,15 @@ pub struct TrainConfig {
     pub export: ExportConfig,
 }
 
+/// A setting with two values.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Difference {
+    /// The key with its section.
+    pub key: String,
+    /// Its values here and there, as in `config.toml`.
+    pub values: [String; 2],
+}
+
 impl Default for TrainConfig {
     fn default() -> Self {
         Self::preset(Preset::Default)
@@ -97,6 +106,19 @@ impl TrainConfig {
     pub fn apply_override(&mut self, assignment: &str) -> Result<(), ConfigError> {
         *self = overlay::assign(self, assignment)?;
         Ok(())
+    }
+
+    /// The first setting, by name, whose value is another one in `other`; where both compute is none
+    /// of a run's results.
+    ///
+    /// # Errors
+    /// [`ConfigError`] if the values cannot be written down.
+    pub fn difference(&self, other: &Self) -> Result<Option<Difference>, ConfigError> {
+        let here = Self {
+            device: other.device.clone(),
+            ..self.clone()
+        };
+        overlay::difference(&here, other)
     }
 
     /// Every key that [`TrainConfig::apply_override`] knows, sorted.

@@ -1,6 +1,6 @@
 //! Laying values over a configuration: one way for files and for `--set`.
 
-use super::{ConfigError, TrainConfig};
+use super::{ConfigError, Difference, TrainConfig};
 use toml::{Table, Value};
 
 /// Keys at most this many edits away are offered when one is not known.
@@ -52,6 +52,21 @@ pub(super) fn keys(config: &TrainConfig) -> Vec<String> {
 /// All keys with their values, sorted.
 pub(super) fn entries(config: &TrainConfig) -> Result<Vec<(String, Value)>, ConfigError> {
     Ok(flatten(tree(config)?))
+}
+
+/// The first key whose values differ.
+pub(super) fn difference(
+    a: &TrainConfig,
+    b: &TrainConfig,
+) -> Result<Option<Difference>, ConfigError> {
+    let pairs = entries(a)?.into_iter().zip(entries(b)?);
+    Ok(pairs
+        .filter(|((_, a), (_, b))| a != b)
+        .map(|((key, a), (_, b))| Difference {
+            key,
+            values: [a.to_string(), b.to_string()],
+        })
+        .next())
 }
 
 /// A word needs no quotes on a command line, everything else is as in the file.

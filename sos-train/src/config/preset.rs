@@ -2,7 +2,7 @@
 
 use super::TrainConfig;
 use super::sections::{
-    AlphaSource, Blend, ColourLoss, ExportConfig, Interpolation, LossConfig, ModelConfig,
+    AlphaSource, Blend, ColourLoss, ExportConfig, Fields, Interpolation, LossConfig, ModelConfig,
     PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
 };
 use serde::{Deserialize, Serialize};
@@ -54,6 +54,8 @@ fn default() -> TrainConfig {
             hidden: 64,
             object_features: 12,
             background_features: 7,
+            fields: Fields::Both,
+            foreground: Transparency::Sdf,
             background: Transparency::Density,
             alpha: AlphaSource::Opacity,
             probability: ProbabilitySource::Surface,
@@ -77,6 +79,8 @@ fn default() -> TrainConfig {
             hidden: 0.05,
             points: 0.0,
             background: 1.0,
+            // As in Semantic-NeRF.
+            semantic: 0.04,
         },
         schedule: ScheduleConfig {
             learning_rate: 0.01,
@@ -167,6 +171,8 @@ fn paper() -> TrainConfig {
             hidden: 64,
             object_features: 12,
             background_features: 7,
+            fields: Fields::Both,
+            foreground: Transparency::Sdf,
             background: Transparency::Sdf,
             alpha: AlphaSource::Head,
             probability: ProbabilitySource::Hull,

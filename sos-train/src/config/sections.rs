@@ -12,7 +12,21 @@ pub enum Interpolation {
     Smoothstep,
 }
 
-/// What makes the background field opaque.
+/// Which fields explain the photos.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Fields {
+    /// FoCoR and BaCo, as the method has them.
+    Both,
+    /// FoCoR alone: nothing explains what is not the object, so that only pixels that the masks take
+    /// for the object teach colours, and the mask loss alone says where it ends.
+    Object,
+    /// One field for the whole scene, each of whose places is the object's by a share that is learnt
+    /// from the coarse masks (Semantic-NeRF, Zhi et al. 2021): see `train::semantic`.
+    Semantic,
+}
+
+/// What makes a field opaque.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Transparency {
@@ -66,7 +80,7 @@ pub enum ProbabilitySource {
     Surface,
 }
 
-/// `[model]`: the two fields and how their colours meet.
+/// `[model]`: the fields and how their colours meet.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelConfig {
@@ -89,14 +103,29 @@ pub struct ModelConfig {
     pub object_features: u32,
     /// The same for the background.
     pub background_features: u32,
+    /// Which fields explain the photos.
+    pub fields: Fields,
+    /// What makes the object's field opaque.
+    pub foreground: Transparency,
     /// What makes the background field opaque.
     pub background: Transparency,
     /// Which number is the matte.
     pub alpha: AlphaSource,
-    /// Who says which part of space is the object's.
+    /// Who says which part of space is the object's; without both fields it is the hull.
     pub probability: ProbabilitySource,
     /// How the two fields become one colour.
     pub blend: Blend,
+}
+
+impl ModelConfig {
+    /// What makes the object opaque, whichever field it is in.
+    #[must_use]
+    pub fn object_transparency(&self) -> Transparency {
+        match self.fields {
+            Fields::Both | Fields::Object => self.foreground,
+            Fields::Semantic => self.background,
+        }
+    }
 }
 
 /// `[loss]`: weights and shapes of the losses.
@@ -138,6 +167,8 @@ pub struct LossConfig {
     pub points: f32,
     /// Weight of the background's own colour loss outside the masks.
     pub background: f32,
+    /// Weight of the cross entropy between a semantic field's share and the coarse masks.
+    pub semantic: f32,
 }
 
 /// `[schedule]`: what changes in the course of a run.

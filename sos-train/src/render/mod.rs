@@ -6,6 +6,7 @@ pub mod mesh;
 pub mod path;
 pub mod preview;
 pub mod rays;
+mod semantic;
 pub mod survey;
 pub mod trained;
 pub mod view;

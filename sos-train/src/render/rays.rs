@@ -9,17 +9,19 @@ use neus_render::composite::{background_column, column, object_column};
 use neus_render::march::{Jitter, MarchConfig};
 use neus_render::rays::Ray;
 use rayon::prelude::*;
+use scene_decomp::FrozenSurface;
 use scene_decomp::colour_field::density_of;
 use scene_decomp::probability::ProbabilityMap;
 
-use crate::config::{AlphaSource, Blend, TrainConfig, Transparency};
+use super::semantic::with_shares;
+use crate::config::{AlphaSource, Blend, Fields, TrainConfig, Transparency};
 use crate::train::batch::{BatchMarcher, MarchedBatch};
 use crate::train::blend::blend;
 use crate::train::grids::FieldGrids;
 use crate::train::visible::{FrozenFields, Look, composite_config};
 
 /// Rays that one task renders: few enough that its core's cache holds their samples.
-const CHUNK: usize = 256;
+pub(super) const CHUNK: usize = 256;
 
 /// A trained scene, frozen.
 #[derive(Debug)]
@@ -68,7 +70,7 @@ pub struct Glance {
 
 /// What of a ray is marched.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Extent {
+pub(super) enum Extent {
     /// Everything.
     All,
     /// Up to where it leaves the object's box.
@@ -83,9 +85,12 @@ impl FrozenScene {
     pub fn render(&self, rays: &[Ray]) -> Vec<RenderedRay> {
         rays.par_chunks(CHUNK)
             .map_init(BatchMarcher::default, |marcher, chunk| {
-                let marched = self.march(chunk, marcher, Extent::All);
-                let look = self.fields.look(&marched, &self.config, 1.0, |_| true);
-                self.render_marched(&marched, &look)
+                let (marched, look) = self.look(chunk, marcher, Extent::All, true);
+                let rendered = self.render_marched(&marched, &look);
+                if self.is_semantic() {
+                    return with_shares(rendered, &marched, &look);
+                }
+                rendered
             })
             .flatten_iter()
             .collect()
@@ -97,8 +102,7 @@ impl FrozenScene {
     pub fn objects(&self, rays: &[Ray]) -> Vec<RenderedRay> {
         rays.par_chunks(CHUNK)
             .map_init(BatchMarcher::default, |marcher, chunk| {
-                let marched = self.march(chunk, marcher, Extent::Object);
-                let look = self.fields.look(&marched, &self.config, 1.0, |_| false);
+                let (marched, look) = self.look(chunk, marcher, Extent::Object, false);
                 self.render_marched(&marched, &look)
             })
             .flatten_iter()
@@ -108,6 +112,9 @@ impl FrozenScene {
     /// The mattes of `rays` alone: no colours are computed, unless the matte depends on them.
     #[must_use]
     pub fn mattes(&self, rays: &[Ray]) -> Vec<f32> {
+        if self.is_semantic() {
+            return self.semantic_mattes(rays);
+        }
         if self.mattes_need_colours() {
             return self.render(rays).iter().map(|ray| ray.matte).collect();
         }
@@ -146,8 +153,7 @@ impl FrozenScene {
         }
         rays.par_chunks(CHUNK)
             .map_init(BatchMarcher::default, |marcher, chunk| {
-                let marched = self.march(chunk, marcher, Extent::All);
-                let look = self.fields.look(&marched, &self.config, 1.0, |_| true);
+                let (marched, look) = self.look(chunk, marcher, Extent::All, true);
                 let mut mattes = vec![0.0f32; chunk.len()];
                 for (&ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
                     mattes[ray as usize] += seen.weight;
@@ -175,8 +181,7 @@ impl FrozenScene {
     pub fn median_distances(&self, rays: &[Ray]) -> Vec<f32> {
         rays.par_chunks(CHUNK)
             .map_init(BatchMarcher::default, |marcher, chunk| {
-                let marched = self.march(chunk, marcher, Extent::Box);
-                let look = self.fields.look(&marched, &self.config, 1.0, |_| false);
+                let (marched, look) = self.look(chunk, marcher, Extent::Box, false);
                 let mut weights = vec![0.0f32; chunk.len()];
                 let mut distances = vec![f32::INFINITY; chunk.len()];
                 let packing = &marched.packing;
@@ -205,7 +210,43 @@ impl FrozenScene {
             .collect()
     }
 
-    fn march(&self, rays: &[Ray], marcher: &mut BatchMarcher, extent: Extent) -> MarchedBatch {
+    /// Whether one field is the whole scene.
+    pub(super) fn is_semantic(&self) -> bool {
+        self.config.model.fields == Fields::Semantic
+    }
+
+    /// The field that the object is in.
+    #[must_use]
+    pub fn object_field(&self) -> &FrozenSurface {
+        if self.is_semantic() {
+            &self.fields.background
+        } else {
+            &self.fields.object
+        }
+    }
+
+    /// Marches `rays` and looks along them, through the background `alone` too where that is wanted.
+    fn look(
+        &self,
+        rays: &[Ray],
+        marcher: &mut BatchMarcher,
+        extent: Extent,
+        alone: bool,
+    ) -> (MarchedBatch, Look) {
+        let marched = self.march(rays, marcher, extent);
+        if self.is_semantic() {
+            return self.split(&marched, extent);
+        }
+        let look = self.fields.look(&marched, &self.config, 1.0, |_| alone);
+        (marched, look)
+    }
+
+    pub(super) fn march(
+        &self,
+        rays: &[Ray],
+        marcher: &mut BatchMarcher,
+        extent: Extent,
+    ) -> MarchedBatch {
         let sampling = &self.config.sampling;
         let march = MarchConfig {
             step_object: 2.0 / sampling.object_steps as f32,
@@ -217,7 +258,7 @@ impl FrozenScene {
         };
         let (mut grids, partition) =
             crate::train::space(&self.config, self.step, &self.grids, &self.map);
-        if extent == Extent::Object {
+        if extent == Extent::Object && !self.is_semantic() {
             grids.background = None;
         }
         marcher.march(rays, grids, &march, partition)
@@ -265,43 +306,60 @@ impl FrozenScene {
         let at = &kept.object;
         let geometry = look.object.select(chosen);
         let views = self.views(&at.directions);
-        let colour = self
-            .fields
-            .object
-            .colour(&geometry, &at.points, &views, &[]);
+        let field = self.object_field();
+        let colour = field.colour(&geometry, &at.points, &views, &[]);
+        let outputs = colour.len().checked_div(at.len()).unwrap_or(4);
+        let transparency = self.config.model.object_transparency();
         let mut rows = Vec::with_capacity(at.len() * object_column::COUNT);
-        for (i, colour) in colour.chunks_exact(4).enumerate() {
+        for (i, colour) in colour.chunks_exact(outputs).enumerate() {
             let direction = Vec3::from_slice(&at.directions[3 * i..]);
-            rows.extend([geometry.sdf(i), geometry.normal(i).dot(direction)]);
-            rows.extend(colour);
+            rows.extend([
+                opaque_by(transparency, geometry.sdf(i)),
+                geometry.normal(i).dot(direction),
+            ]);
+            rows.extend(&colour[..3]);
+            // Without an alpha head there is nothing to hold back.
+            rows.push(colour.get(3).copied().unwrap_or(1.0));
         }
         rows
     }
 
     /// The directions that colours depend on.
     fn views(&self, directions: &[f32]) -> Vec<f32> {
-        let share = self.fields.view_share;
+        let share = if self.is_semantic() {
+            1.0
+        } else {
+            self.fields.view_share
+        };
         directions.iter().map(|d| share * d).collect()
     }
 
     fn background_rows(&self, kept: &MarchedBatch, look: &Look, chosen: &[u32]) -> Vec<f32> {
         let at = &kept.background;
         let geometry = look.background.select(chosen);
-        let colour =
-            self.fields
-                .background
-                .colour(&geometry, &at.points, &at.directions, &at.probability);
+        let probability: &[f32] = if self.is_semantic() {
+            &[]
+        } else {
+            &at.probability
+        };
+        let field = &self.fields.background;
+        let colour = field.colour(&geometry, &at.points, &at.directions, probability);
         let mut rows = Vec::with_capacity(at.len() * background_column::COUNT);
         for (i, colour) in colour.chunks_exact(3).enumerate() {
             let direction = Vec3::from_slice(&at.directions[3 * i..]);
-            let first = match self.config.model.background {
-                Transparency::Sdf => geometry.sdf(i),
-                Transparency::Density => density_of(geometry.sdf(i)),
-            };
+            let first = opaque_by(self.config.model.background, geometry.sdf(i));
             rows.extend([first, geometry.normal(i).dot(direction)]);
             rows.extend(colour);
         }
         rows
+    }
+}
+
+/// What compositing reads of a field's first output.
+pub(super) fn opaque_by(transparency: Transparency, first: f32) -> f32 {
+    match transparency {
+        Transparency::Sdf => first,
+        Transparency::Density => density_of(first),
     }
 }
 

@@ -128,9 +128,10 @@ fn object_normals(scene: &FrozenScene, rays: &[Ray], rendered: &[RenderedRay]) -
         .zip(rendered)
         .flat_map(|(ray, hit)| ray.at(hit.object_distance).to_array())
         .collect();
-    let geometry = scene.fields.object.geometry(&points);
-    (0..rays.len())
-        .map(|i| geometry.normal(i).normalize_or_zero())
+    let gradients = scene.object_field().gradients_of(points);
+    gradients
+        .into_iter()
+        .map(|gradient| gradient.normalize_or_zero())
         .collect()
 }
 

@@ -31,6 +31,8 @@ pub struct FieldGrids {
     pub background: OccupancyGrid,
     /// Cells that FoCoR may ever fill: m^P is not too small there.
     allowed: Vec<u32>,
+    /// What a cell holds that is newly allowed.
+    fresh: f32,
     /// Where FoCoR may be.
     hull: LevelSet,
     /// Where BaCo may not be.
@@ -59,11 +61,25 @@ impl FieldGrids {
             object: OccupancyGrid::new(resolution, 1.0).with_decay(OBJECT_DECAY),
             background,
             allowed: Vec::new(),
+            fresh: 1.0,
             hull: LevelSet::new(map, crop - OVERLAP),
             crop: LevelSet::new(map, crop),
         };
         grids.allow(map, crop);
         grids
+    }
+
+    /// For an object that is a density: its cells forget as slowly as the background's, and so begin
+    /// with as little.
+    #[must_use]
+    pub fn with_object_density(mut self) -> Self {
+        let resolution = self.object.resolution();
+        self.object = OccupancyGrid::new(resolution, 1.0).with_decay(DECAY);
+        self.fresh = 2.0 * VISIBLE;
+        self.object
+            .update(&self.allowed, &vec![self.fresh; self.allowed.len()]);
+        self.object.rebuild_bits(VISIBLE);
+        self
     }
 
     /// Which part of the box each field may fill by `map`, the one last allowed; all of it is BaCo's
@@ -95,7 +111,7 @@ impl FieldGrids {
                 if before[*cell as usize] {
                     grid.values()[*cell as usize]
                 } else {
-                    1.0
+                    self.fresh
                 }
             })
             .collect();

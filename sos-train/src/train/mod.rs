@@ -13,6 +13,7 @@ mod rounds;
 pub mod run;
 pub mod sampler;
 pub mod schedule;
+pub mod semantic;
 pub mod setup;
 pub mod step;
 pub mod visible;
@@ -25,7 +26,7 @@ use neus_render::march::{Grids, MarchConfig};
 use scene_decomp::probability::ProbabilityMap;
 use scene_decomp::{FrozenSurface, Scene, Sharpness, SurfaceVotes};
 
-use crate::config::{ProbabilitySource, TrainConfig, Transparency};
+use crate::config::{Fields, ProbabilitySource, TrainConfig, Transparency};
 use crate::prepare::Prepared;
 use agreement::Agreement;
 use batch::{MarchedBatch, Partition};
@@ -153,7 +154,8 @@ impl Trainer {
     pub fn step(&mut self, data: &Prepared) -> StepReport {
         let config = self.context.config.clone();
         let schedule = self.schedule();
-        if self.step == schedule::carve_step(&config) && self.step > 0 {
+        let both = config.model.fields == Fields::Both;
+        if both && self.step == schedule::carve_step(&config) && self.step > 0 {
             self.carve(data);
         }
         self.clock.begin();
@@ -181,7 +183,8 @@ impl Trainer {
         );
         drop(fields);
         self.clock.lap(Phase::Gather);
-        if config.model.probability == ProbabilitySource::Surface {
+        // What is not split needs no m^P to split it.
+        if both && config.model.probability == ProbabilitySource::Surface {
             self.vote(data, &gathered.votes);
         }
         self.compare_masks(&batch, &gathered.mattes);
@@ -399,12 +402,20 @@ impl Trainer {
             .freeze_object(schedule.active_levels)
             .without_features();
         let rule = GridRule {
-            transparency: Transparency::Sdf,
+            transparency: config.model.foreground,
             sharpness: b_object,
             settled,
         };
-        self.grids.update_object(&object, rule, config.seed, round);
+        // A density that is not trained yet is nothing anywhere.
+        let nothing = schedule::background_alone(&config, self.step)
+            && config.model.object_transparency() == Transparency::Density;
+        if !nothing {
+            self.grids.update_object(&object, rule, config.seed, round);
+        }
         drop(object);
+        if config.model.fields == Fields::Object {
+            return;
+        }
         let background = self
             .freeze_background(schedule.background_levels)
             .without_features();
@@ -428,19 +439,19 @@ fn march_config(config: &TrainConfig) -> MarchConfig {
     }
 }
 
-/// Where each field is marched at `step`: BaCo everywhere until FoCoR is carved out of it, then each
-/// on its side of m^P.
+/// Where each field is marched at `step`: BaCo everywhere while it is alone, then each on its side of
+/// m^P; FoCoR on its own side too where there is no BaCo.
 pub(crate) fn space<'a>(
     config: &TrainConfig,
     step: u32,
     grids: &'a FieldGrids,
     map: &'a ProbabilityMap,
 ) -> (Grids<'a>, Partition<'a>) {
-    let alone = step < schedule::carve_step(config);
+    let alone = schedule::background_alone(config, step);
     let partition = grids.partition(map, !alone);
     let grids = Grids {
         object: (!alone).then_some(&grids.object),
-        background: Some(&grids.background),
+        background: (config.model.fields != Fields::Object).then_some(&grids.background),
     };
     (grids, partition)
 }

@@ -25,7 +25,8 @@ const CHUNK: usize = 1024;
 /// What a look needs to know of the fields besides themselves.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rules {
-    pub(super) transparency: Transparency,
+    /// Of object and background.
+    pub(super) transparency: [Transparency; 2],
     /// The matte value that samples of the object count with.
     pub(super) matte: f32,
     pub(super) sharpness: [f32; 2],
@@ -64,24 +65,26 @@ pub(super) fn look(
             let direction = Vec3::from_slice(&at.directions[3 * row as usize..]);
             geometry.normal(i).dot(direction)
         };
+        let [of_object, of_background] = rules.transparency;
+        let opaque_by = |transparency, geometry: &Geometry, i, at: &FieldSamples, row| {
+            let sdf = geometry.sdf(i);
+            match transparency {
+                Transparency::Sdf => (sdf, slope(geometry, i, at, row)),
+                Transparency::Density => (density_of(sdf), 0.0),
+            }
+        };
         let object_values = rows::<{ object_column::COUNT }>(&round.object, |i, row, value| {
-            value[object_column::SDF] = object_geometry.sdf(i);
-            value[object_column::SLOPE] = slope(&object_geometry, i, &marched.object, row);
+            (value[object_column::SDF], value[object_column::SLOPE]) =
+                opaque_by(of_object, &object_geometry, i, &marched.object, row);
             value[object_column::MATTE] = rules.matte;
         });
         let background_values =
             rows::<{ background_column::COUNT }>(&round.background, |i, row, value| {
-                let sdf = background_geometry.sdf(i);
+                let at = &marched.background;
                 (
                     value[background_column::SDF],
                     value[background_column::SLOPE],
-                ) = match rules.transparency {
-                    Transparency::Sdf => (
-                        sdf,
-                        slope(&background_geometry, i, &marched.background, row),
-                    ),
-                    Transparency::Density => (density_of(sdf), 0.0),
-                };
+                ) = opaque_by(of_background, &background_geometry, i, at, row);
             });
         let seen = visibility_from(
             &object_values,

@@ -19,8 +19,10 @@ pub struct RayBatch {
     pub views: Vec<u32>,
     /// What the pixel is taken for.
     pub labels: Vec<Label>,
-    /// What the view's own mask says.
+    /// What the view's own mask says, where it is believed.
     pub votes: Vec<Option<Vote>>,
+    /// Whether the view's own mask, as it was given, takes the pixel for the object.
+    pub masks: Vec<Option<bool>>,
 }
 
 /// Draws rays; the same seed and step give the same batch.
@@ -85,16 +87,18 @@ impl Sampler {
                     view.photo.get_pixel(x, y).0,
                     outline.label(x, y),
                     outline.vote(x, y),
+                    view.mask.as_ref().map(|m| m.get_pixel(x, y).0[0] >= 128),
                 ))
             })
             .collect();
         let mut batch = RayBatch::default();
-        for (ray, view, colour, label, vote) in drawn {
+        for (ray, view, colour, label, vote, mask) in drawn {
             batch.rays.push(ray);
             batch.views.push(view);
             batch.colours.extend(colour.map(|c| f32::from(c) / 255.0));
             batch.labels.push(label);
             batch.votes.push(vote);
+            batch.masks.push(mask);
         }
         batch
     }

@@ -1,6 +1,6 @@
 //! What changes over a run, as functions of the step.
 
-use crate::config::{LossConfig, ScheduleConfig, TrainConfig, Transparency};
+use crate::config::{Fields, LossConfig, ScheduleConfig, TrainConfig, Transparency};
 
 use super::step::StepSchedule;
 
@@ -8,17 +8,17 @@ use super::step::StepSchedule;
 #[must_use]
 pub fn at(config: &TrainConfig, step: u32, levels: usize) -> StepSchedule {
     let progress = progress(config, step);
-    let alone = step < carve_step(config);
+    let levels_of = |transparency| match transparency {
+        Transparency::Sdf => active_levels(&config.schedule, progress, levels),
+        Transparency::Density => levels,
+    };
     StepSchedule {
         step,
-        active_levels: active_levels(&config.schedule, progress, levels),
-        background_levels: match config.model.background {
-            Transparency::Sdf => active_levels(&config.schedule, progress, levels),
-            Transparency::Density => levels,
-        },
+        active_levels: levels_of(config.model.foreground),
+        background_levels: levels_of(config.model.background),
         cos_anneal: (progress / config.schedule.cos_anneal_end.max(1e-6)).min(1.0),
         // Without an object there is no matte to compare.
-        mask_weight: if alone {
+        mask_weight: if background_alone(config, step) {
             0.0
         } else {
             mask_weight(&config.loss, progress)
@@ -79,13 +79,20 @@ pub fn sharpness_cap(config: &TrainConfig, step: u32, finest: f32) -> f32 {
     start + (end - start) * risen.min(1.0)
 }
 
-/// The step at which FoCoR is carved out of BaCo; 0 when both learn from the start.
+/// Whether BaCo is the only field at `step`: until FoCoR is carved out of it, or for good where one
+/// field is the whole scene.
+#[must_use]
+pub fn background_alone(config: &TrainConfig, step: u32) -> bool {
+    config.model.fields == Fields::Semantic || step < carve_step(config)
+}
+
+/// The step at which FoCoR is carved out of BaCo, or would be; 0 when both learn from the start.
 #[must_use]
 pub fn carve_step(config: &TrainConfig) -> u32 {
-    match config.model.background {
+    match (config.model.fields, config.model.background) {
         // Depths of a surface that is still a fog of one sharpness tell nothing yet.
-        Transparency::Sdf => 0,
-        Transparency::Density => (config.schedule.carve * config.steps as f32) as u32,
+        (Fields::Object, _) | (_, Transparency::Sdf) => 0,
+        (_, Transparency::Density) => (config.schedule.carve * config.steps as f32) as u32,
     }
 }
 

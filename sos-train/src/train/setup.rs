@@ -11,7 +11,7 @@ use super::grids::FieldGrids;
 use super::sampler::Sampler;
 use super::step::StepContext;
 use super::{Trainer, adam, gradient_sinks};
-use crate::config::{Interpolation, TrainConfig, Transparency};
+use crate::config::{Fields, Interpolation, TrainConfig, Transparency};
 use crate::device::{ChosenDevice, choose};
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
@@ -82,12 +82,19 @@ pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
         },
         ..GridConfig::default()
     };
+    let semantic = model.fields == Fields::Semantic;
     SceneConfig {
         object_grid: grid.clone(),
         background_grid: grid,
         hidden: model.hidden as usize,
         object_features: model.object_features as usize,
-        background_features: model.background_features as usize,
+        background_features: model.background_features as usize + usize::from(semantic),
+        object_initial: match model.foreground {
+            Transparency::Sdf => InitialShape::Ball(0.5),
+            Transparency::Density => InitialShape::Flat(2.0),
+        },
+        // A field that is not split has no use for what splits it.
+        background_extra: usize::from(!semantic),
         background_initial: match model.background {
             // Wide enough that cameras start in free space.
             Transparency::Sdf => InitialShape::Hollow(1.8),
@@ -125,6 +132,14 @@ impl Trainer {
         let mut model = Scene::new(&sizes, config.seed, &device);
         model.object.grid.table = model.object.grid.table.set_require_grad(false);
         model.background.grid.table = model.background.grid.table.set_require_grad(false);
+        let mut grids = FieldGrids::new(
+            config.sampling.occupancy_resolution,
+            &scene.map,
+            config.prepare.crop_threshold,
+        );
+        if config.model.foreground == Transparency::Density {
+            grids = grids.with_object_density();
+        }
         Ok(Self {
             object_adam: LazyAdam::new(&object_layout),
             background_adam: LazyAdam::new(&background_layout),
@@ -141,11 +156,7 @@ impl Trainer {
             sharpness: Sharpness::new(sizes.sharpness_start, &device),
             optimiser: adam(),
             sharpness_optimiser: adam(),
-            grids: FieldGrids::new(
-                config.sampling.occupancy_resolution,
-                &scene.map,
-                config.prepare.crop_threshold,
-            ),
+            grids,
             rays_per_task: rays_per_task(&chosen),
             device_name: chosen.name,
             map: scene.map.clone(),

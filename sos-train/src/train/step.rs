@@ -19,8 +19,9 @@ use super::batch::{FieldSamples, MarchedBatch};
 use super::blend::blend;
 use super::distortion::Spread;
 use super::sampler::{RayBatch, step_random};
+use super::semantic;
 use super::visible::composite_config;
-use crate::config::{self, Blend, TrainConfig, Transparency};
+use crate::config::{self, Blend, Fields, TrainConfig, Transparency};
 use crate::prepare::Label;
 
 /// Points of the box that the sparsity loss looks at in each step.
@@ -52,9 +53,9 @@ pub struct StepContext {
 pub struct StepSchedule {
     /// The step's number.
     pub step: u32,
-    /// FoCoR's levels in use.
+    /// FoCoR's levels in use: all of them when it is a density, which needs no help to settle.
     pub active_levels: usize,
-    /// BaCo's: all of them when it is a density, which needs no help to settle.
+    /// BaCo's, likewise.
     pub background_levels: usize,
     /// NeuS's cosine annealing, 0 to 1.
     pub cos_anneal: f32,
@@ -79,7 +80,7 @@ pub struct StepLosses {
     pub eikonal: f32,
     /// Sparsity.
     pub sparsity: f32,
-    /// Mask.
+    /// Masks, of the matte and of a semantic field's share.
     pub mask: f32,
     /// Sparse points.
     pub points: f32,
@@ -134,18 +135,20 @@ pub fn loss(
     let weights = &config.loss;
     let device = &context.device;
     let object = object_rows(context, scene, &marched.object, schedule);
-    let background = background_rows(context, scene, &marched.background, schedule);
+    let (background, geometry) = background_rows(context, scene, &marched.background, schedule);
     let n_rays = batch.rays.len();
     let mut packing = marched.packing.clone();
     if let Some(spread) = known.spread {
         packing = packing.with_marks(spread.marks());
     }
+    let packing = Arc::new(packing);
+    let compositing = composite_config(config, schedule.cos_anneal);
     let pixels = blend(
         object.clone(),
         background.clone(),
         sharpness.b(),
-        Arc::new(packing),
-        composite_config(config, schedule.cos_anneal),
+        packing.clone(),
+        compositing,
         &config.model,
     );
     let photo = constant(&batch.colours, 3, device);
@@ -157,8 +160,18 @@ pub fn loss(
     let matte = pixels.matte.reshape([n_rays]);
 
     let mut losses = StepLosses::default();
-    let squared = (joint.clone() - photo.clone()).powf_scalar(2.0).mean();
-    losses.mse = scalar(&squared);
+    // Without BaCo nothing explains what is not the object.
+    let explained = (config.model.fields == Fields::Object).then(|| {
+        let share = |label: &Label| {
+            let (target, trust) = label.target();
+            target * trust
+        };
+        list(batch.labels.iter().map(share).collect(), device)
+    });
+    losses.mse = scalar(&match &explained {
+        Some(weights) => ColourLoss::L2.loss(joint.clone(), photo.clone(), Some(weights.clone())),
+        None => (joint.clone() - photo.clone()).powf_scalar(2.0).mean(),
+    });
     let kind = match weights.colour {
         config::ColourLoss::L2 => ColourLoss::L2,
         config::ColourLoss::L1 => ColourLoss::L1,
@@ -166,7 +179,7 @@ pub fn loss(
             delta: weights.huber_delta,
         },
     };
-    let mut total = kind.loss(joint, photo.clone(), None);
+    let mut total = kind.loss(joint, photo.clone(), explained);
     losses.colour = scalar(&total);
     let mut add = |part: Tensor<1>, weight: f32, value: &mut f32| {
         if weight > 0.0 {
@@ -175,12 +188,25 @@ pub fn loss(
         }
     };
 
-    let outside = batch
-        .labels
-        .iter()
-        .map(|l| f32::from(u8::from(*l == Label::Background)));
-    let part = background_loss(kind, alone, photo, list(outside.collect(), device));
-    add(part, weights.background, &mut losses.background);
+    if config.model.fields == Fields::Both {
+        let outside = batch
+            .labels
+            .iter()
+            .map(|l| f32::from(u8::from(*l == Label::Background)));
+        let part = background_loss(kind, alone, photo, list(outside.collect(), device));
+        add(part, weights.background, &mut losses.background);
+    }
+    if config.model.fields == Fields::Semantic {
+        let share = semantic::share(
+            background.clone(),
+            geometry,
+            sharpness.b(),
+            packing,
+            compositing,
+        );
+        let part = semantic::loss(share, &batch.masks);
+        add(part, weights.semantic, &mut losses.mask);
+    }
     if schedule.mask_weight > 0.0 {
         let (targets, trust) = batch.labels.iter().map(|l| l.target()).unzip();
         // The visible share, not the object's own opacity: what stands before it hides it. The
@@ -235,17 +261,19 @@ pub fn loss(
         add(spread.mean(), weights.distortion, &mut losses.distortion);
         add(far.mean(), schedule.far_weight, &mut losses.far);
     }
-    if !marched.object.is_empty() {
+    // What follows speaks of a distance.
+    let surface = !marched.object.is_empty() && config.model.foreground == Transparency::Sdf;
+    if surface {
         let part = eikonal_loss_of_lengths(normal_lengths(object), None);
         add(part, weights.eikonal, &mut losses.eikonal);
     }
-    if weights.sparsity > 0.0 && !marched.object.is_empty() {
+    if weights.sparsity > 0.0 && surface {
         let points = unseen_points(config.seed, schedule.step);
         let sdf = object_sdf(context, scene, schedule, &points);
         let part = sparsity_loss(sdf, weights.sparsity_tau, SparsityForm::Plain, None);
         add(part, weights.sparsity, &mut losses.sparsity);
     }
-    if weights.points > 0.0 && !marched.object.is_empty() && !context.points.is_empty() {
+    if weights.points > 0.0 && surface && !context.points.is_empty() {
         let mut random = step_random(context.config.seed ^ 0x0901_4720, schedule.step);
         let chosen: Vec<f32> = (0..SURFACE_POINTS)
             .flat_map(|_| context.points[random.random_range(0..context.points.len())].to_array())
@@ -322,37 +350,50 @@ fn object_rows(
             Some(context.object_gradient.clone()),
         ),
         RowConfig {
-            reading: Reading::Distance,
+            reading: reading(context.config.model.foreground),
             view_share: schedule.view_share,
         },
     )
 }
 
-/// BaCo's samples as rows for compositing, `[m, 6]`.
+/// BaCo's samples as rows for compositing, `[m, 6]`, and its geometry there, `[m, 1 + G + 3]`.
 fn background_rows(
     context: &StepContext,
     scene: &Scene,
     at: &FieldSamples,
     schedule: StepSchedule,
-) -> Tensor<2> {
+) -> (Tensor<2>, Tensor<2>) {
+    let model = &context.config.model;
     if at.is_empty() {
-        return Tensor::zeros([0, composite::background_column::COUNT], &context.device);
+        let nothing = |columns| Tensor::zeros([0, columns], &context.device);
+        let geometry = scene.background.sdf_weights().b2.dims()[0] + 3;
+        return (
+            nothing(composite::background_column::COUNT),
+            nothing(geometry),
+        );
     }
-    scene.background.sample_rows(
-        &at.points,
-        &at.directions,
-        [&at.probability, &at.stretch],
+    let probability: &[f32] = match model.fields {
+        Fields::Semantic => &[],
+        Fields::Both | Fields::Object => &at.probability,
+    };
+    scene.background.rows_and_geometry(
+        [&at.points, &at.directions, probability, &at.stretch],
         scene.background.sdf_config(
             &context.background_layout,
             schedule.background_levels,
             Some(context.background_gradient.clone()),
         ),
         RowConfig {
-            reading: match context.config.model.background {
-                Transparency::Sdf => Reading::Distance,
-                Transparency::Density => Reading::Density,
-            },
+            reading: reading(model.background),
             view_share: 1.0,
         },
     )
+}
+
+/// How a field's first output is read.
+fn reading(transparency: Transparency) -> Reading {
+    match transparency {
+        Transparency::Sdf => Reading::Distance,
+        Transparency::Density => Reading::Density,
+    }
 }

@@ -66,7 +66,7 @@ impl FrozenFields {
         alone: impl Fn(usize) -> bool,
     ) -> Look {
         let rules = Rules {
-            transparency: config.model.background,
+            transparency: [config.model.object_transparency(), config.model.background],
             matte: match config.model.alpha {
                 AlphaSource::Opacity | AlphaSource::Head => 1.0,
                 AlphaSource::Both => 0.0,
@@ -208,11 +208,13 @@ fn numbers(n: usize, wanted: impl Fn(usize) -> bool) -> Vec<u32> {
 /// How the settings have samples become opacities.
 #[must_use]
 pub fn composite_config(config: &TrainConfig, cos_anneal: f32) -> CompositeConfig {
+    let opaque_by = |transparency| match transparency {
+        Transparency::Sdf => composite::Transparency::Sdf,
+        Transparency::Density => composite::Transparency::Density,
+    };
     CompositeConfig {
-        background: match config.model.background {
-            Transparency::Sdf => composite::Transparency::Sdf,
-            Transparency::Density => composite::Transparency::Density,
-        },
+        object: opaque_by(config.model.object_transparency()),
+        background: opaque_by(config.model.background),
         matte: matte_role(config.model.alpha),
         cos_anneal,
         ..CompositeConfig::default()

@@ -56,7 +56,7 @@ fn help_fits_a_screen() {
         3,
         "three examples in\n{help}"
     );
-    for command in ["train", "import", "eval", "report", "demo-scene"] {
+    for command in ["train", "import", "eval", "ablate", "report", "demo-scene"] {
         assert!(help.contains(command), "{help}");
     }
     let help = text(&sos(dir.path(), &["train", "--help"]).stdout);
@@ -322,7 +322,12 @@ fn documented_commands_are_understood() {
     use clap::Parser as _;
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let mut count = 0;
-    for name in ["README.md", "sos-train/README.md", "docs/tutorial.md"] {
+    for name in [
+        "README.md",
+        "sos-train/README.md",
+        "docs/tutorial.md",
+        "docs/rivals.md",
+    ] {
         let document = fs::read_to_string(root.join(name)).unwrap();
         let blocks = document.split("```").skip(1).step_by(2);
         for line in blocks.flat_map(str::lines) {

@@ -185,6 +185,13 @@ fn values_out_of_range_are_found() {
         let error = config.validate().unwrap_err().to_string();
         assert!(error.starts_with(key), "{given}: {error}");
     }
+    // A semantic field is a density.
+    let mut config = TrainConfig::default();
+    config.apply_override("model.fields=semantic").unwrap();
+    config.validate().unwrap();
+    config.apply_override("model.background=sdf").unwrap();
+    let error = config.validate().unwrap_err().to_string();
+    assert!(error.contains("model.background"), "{error}");
     let config = TrainConfig {
         seed: u64::MAX,
         ..TrainConfig::default()

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // a test may panic
 
+mod ablate;
 mod audit;
 mod browser;
 mod capture;

@@ -10,6 +10,7 @@ use scene_decomp::probability::ProbabilityMap;
 
 use super::super::Trainer;
 use super::super::sampler::step_random;
+use crate::config::Transparency;
 use crate::prepare::Prepared;
 
 /// Steps, and points of each.
@@ -20,6 +21,8 @@ const NEAR: f32 = 0.9;
 /// Weight of the colours beside the distances.
 const COLOUR_WEIGHT: f32 = 0.1;
 const EIKONAL_WEIGHT: f32 = 0.02;
+/// `b` of an object just carved, where it is a density: about what schedules give a distance's.
+const CARVED_B: f32 = 120.0;
 
 /// The shape to start from.
 pub struct Shape {
@@ -52,6 +55,7 @@ impl Trainer {
             .map(|view| view.world_from_camera(&data.frame).translation.into())
             .collect();
         let near = NEAR * shape.truncation;
+        let transparency = self.context.config.model.foreground;
         for step in 0..STEPS {
             let mut random = step_random(self.context.config.seed ^ 0x0f17_c0de, step);
             let lesson = lesson(shape, &cameras, &mut random);
@@ -86,12 +90,21 @@ impl Trainer {
                     .collect();
                 rows(&values, 1, &device)
             };
-            let target = rows(&lesson.distances, 1, &device);
+            let targets: Vec<f32> = lesson
+                .distances
+                .iter()
+                .map(|d| target(*d, transparency))
+                .collect();
+            let target = rows(&targets, 1, &device);
+            let side: Vec<f32> = lesson.distances.iter().map(|d| d.signum()).collect();
             let close = flags(&|d| d.abs() < near);
             let far = flags(&|d| d.abs() >= near);
-            let sdf = samples.sdf();
+            let sdf = match transparency {
+                Transparency::Sdf => samples.sdf(),
+                Transparency::Density => samples.sdf().div_scalar(CARVED_B),
+            };
             // Far from the surface only the side is known, and that the distance is no smaller.
-            let short = (target.clone() - sdf.clone()).mul(target.clone().sign());
+            let short = (target.clone() - sdf.clone()).mul(rows(&side, 1, &device));
             let distance = (sdf - target).abs().mul(close) + short.clamp_min(0.0).mul(far);
             let surface = flags(&|d| d.abs() < 0.25 * shape.truncation);
             let seen = samples.colour.clone().slice([0..POINTS, 0..3]);
@@ -99,9 +112,10 @@ impl Trainer {
                 .powf_scalar(2.0)
                 .mean_dim(1)
                 .mul(surface);
-            let loss = distance.mean()
-                + colour.mean().mul_scalar(COLOUR_WEIGHT)
-                + eikonal_loss(samples.normal(), None).mul_scalar(EIKONAL_WEIGHT);
+            let mut loss = distance.mean() + colour.mean().mul_scalar(COLOUR_WEIGHT);
+            if transparency == Transparency::Sdf {
+                loss = loss + eikonal_loss(samples.normal(), None).mul_scalar(EIKONAL_WEIGHT);
+            }
             let mut grads = loss.backward();
             let fields = GradientsParams::from_module(&mut grads, &self.scene);
             drop(grads);
@@ -116,6 +130,23 @@ impl Trainer {
                 &self.context.object_gradient,
                 f64::from(config.learning_rate * rate),
             );
+        }
+    }
+}
+
+/// What FoCoR's first output is asked to be at a signed distance.
+///
+/// A density gets the one that NeuS's opacity has for rays that meet the surface head on (Wang et al.
+/// 2021, eq. 10): `rho(d) = b Phi_b(-d)`, so that a run begins with the same pictures whichever the
+/// object is. Its first output is `-ln rho`; divided by `b` it is a distance outside, and errors weigh
+/// as much as those of distances do.
+fn target(distance: f32, transparency: Transparency) -> f32 {
+    match transparency {
+        Transparency::Sdf => distance,
+        Transparency::Density => {
+            let x = CARVED_B * distance;
+            let softplus = x.max(0.0) + (-x.abs()).exp().ln_1p();
+            (softplus - CARVED_B.ln()) / CARVED_B
         }
     }
 }
@@ -151,4 +182,27 @@ fn rows(values: &[f32], columns: usize, device: &Device) -> Tensor<2> {
         TensorData::new(values.to_vec(), [values.len() / columns, columns]),
         device,
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_density_begins_as_opaque_as_the_surface() {
+        // Straight through a wall: NeuS lets Phi_b(d) of the light through, up to distance d.
+        let through = |d: f32| 1.0 / (1.0 + (-CARVED_B * d).exp());
+        let step = 1e-4;
+        let mut depth = 0.0;
+        for k in -400..200 {
+            let d = -(k as f32 + 0.5) * step;
+            let raw = CARVED_B * target(d, Transparency::Density);
+            depth += scene_decomp::colour_field::density_of(raw) * step;
+            let left = (-depth).exp();
+            let expected = through(d - 0.5 * step) / through(400.0 * step);
+            assert!((left - expected).abs() < 2e-3, "{d}: {left} {expected}");
+        }
+        assert!(depth > 2.0);
+        assert_eq!(target(-0.3, Transparency::Sdf), -0.3);
+    }
 }

@@ -1,0 +1,256 @@
+//! What the parts of the method are worth: the rows of the paper's ablation, and rivals on equal terms.
+//!
+//! A row is a name and what it is: settings over the user's own, with or without masks; or mattes that
+//! nobody trained for. No row has code of its own.
+//!
+//! | row | in the paper | reading |
+//! |---|---|---|
+//! | `no-mask-object` | no mask, F | FoCoR alone, from masks that the run finds by itself |
+//! | `no-mask-both` | no mask, F + B | the method, from masks that the run finds by itself |
+//! | `mask` | mask only | the coarse masks as they are |
+//! | `object` | mask + F | FoCoR alone |
+//! | `no-sparsity` | mask + F + B without sparsity | the method without the sparsity loss |
+//! | `all` | all | the method |
+//!
+//! The paper does not say what its F explains a photo's other pixels by. FoCoR alone is read as NeuS is
+//! trained with masks: no background; pixels that the masks take for the object teach colours, and the
+//! mask loss, which elsewhere ends early because BaCo takes over, stays for the whole run, as nothing
+//! else says where the object ends. There is no carving either, which is BaCo's work.
+//!
+//! Rivals have the same grids, budget, rays and masks: `hull`, the masks' soft visual hull; `density`, the
+//! method with a radiance field for FoCoR (nothing that speaks of a distance applies: Eikonal and
+//! sparsity losses); `semantic`, one radiance field that learns a share of the object
+//! ([`train::semantic`](crate::train::semantic)).
+
+use serde::Serialize;
+use sos_eval::{Compared, Comparison};
+use std::fmt::Write as _;
+
+/// A line of the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Row {
+    /// Its folder.
+    pub name: &'static str,
+    /// What it is called in the table.
+    pub title: &'static str,
+    /// What it is.
+    pub kind: Kind,
+}
+
+/// What a row's mattes come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// The start masks as they are.
+    Masks,
+    /// The start masks' soft visual hull.
+    Hull,
+    /// A run.
+    Run {
+        /// Whether it is given the start masks.
+        start: Start,
+        /// Settings, laid over the user's.
+        settings: &'static [&'static str],
+    },
+}
+
+/// What a run begins with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Start {
+    /// The start masks.
+    Masks,
+    /// Photos alone.
+    Nothing,
+}
+
+const OBJECT_ALONE: &[&str] = &["model.fields=object", "loss.mask_hold=1", "loss.mask_end=1"];
+
+/// The paper's table, in its order.
+pub const TABLE: [Row; 6] = [
+    run("no-mask-object", "no mask, F", Start::Nothing, OBJECT_ALONE),
+    run("no-mask-both", "no mask, F + B", Start::Nothing, &[]),
+    Row {
+        name: "mask",
+        title: "mask only",
+        kind: Kind::Masks,
+    },
+    run("object", "mask + F", Start::Masks, OBJECT_ALONE),
+    run(
+        "no-sparsity",
+        "mask + F + B, no sparsity",
+        Start::Masks,
+        &["loss.sparsity=0"],
+    ),
+    run("all", "all", Start::Masks, &[]),
+];
+
+/// What else the masks can be refined by.
+pub const RIVALS: [Row; 3] = [
+    Row {
+        name: "hull",
+        title: "soft visual hull",
+        kind: Kind::Hull,
+    },
+    run(
+        "density",
+        "radiance field F + B",
+        Start::Masks,
+        &["model.foreground=density"],
+    ),
+    run(
+        "semantic",
+        "semantic field",
+        Start::Masks,
+        &["model.fields=semantic", "model.background=density"],
+    ),
+];
+
+const fn run(
+    name: &'static str,
+    title: &'static str,
+    start: Start,
+    settings: &'static [&'static str],
+) -> Row {
+    Row {
+        name,
+        title,
+        kind: Kind::Run { start, settings },
+    }
+}
+
+impl Row {
+    /// The row of that name, of the table or a rival.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        let rows = TABLE.into_iter().chain(RIVALS);
+        rows.into_iter().find(|row| row.name == name)
+    }
+
+    /// All names, the table's first.
+    #[must_use]
+    pub fn names() -> Vec<&'static str> {
+        TABLE.iter().chain(&RIVALS).map(|row| row.name).collect()
+    }
+
+    /// What it is, in the words of the command line.
+    #[must_use]
+    pub fn definition(&self) -> String {
+        match self.kind {
+            Kind::Masks => "the coarse masks as they are".to_owned(),
+            Kind::Hull => "sos hull".to_owned(),
+            Kind::Run { start, settings } => {
+                let mut words = "sos train".to_owned();
+                if start == Start::Nothing {
+                    words.push_str(" --masks none");
+                }
+                for setting in settings {
+                    // Writing to a string cannot fail.
+                    let _ = write!(words, " --set {setting}");
+                }
+                words
+            }
+        }
+    }
+}
+
+/// The table as it is written down.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ablation {
+    /// The scene, as it was named.
+    pub scene: String,
+    /// What all runs were given besides their own settings, in the words of the command line.
+    pub settings: String,
+    /// In the table's order.
+    pub rows: Vec<Scored>,
+}
+
+/// A row with its scores.
+#[derive(Debug, Clone, Serialize)]
+pub struct Scored {
+    /// The row's folder.
+    pub row: &'static str,
+    /// What it is: [`Row::definition`].
+    pub definition: String,
+    /// Seconds of its whole run, pictures included; none where nothing was trained.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
+    /// Title and scores.
+    #[serde(flatten)]
+    pub compared: Compared,
+}
+
+impl Ablation {
+    /// The scores alone.
+    #[must_use]
+    pub fn comparison(&self) -> Comparison {
+        Comparison {
+            contenders: self.rows.iter().map(|row| row.compared.clone()).collect(),
+        }
+    }
+
+    /// A page of Markdown: the table, and what each row is.
+    #[must_use]
+    pub fn markdown(&self) -> String {
+        let mut out = format!("# Ablation of {}\n\n", self.scene);
+        // Writing to a string cannot fail, here and below.
+        if !self.settings.is_empty() {
+            let _ = writeln!(out, "All runs with `{}`.\n", self.settings);
+        }
+        out.push_str(&self.comparison().markdown());
+        out.push_str(
+            "\nIoU, mIoU, accuracy and boundary IoU are better when higher; SAD, MSE, gradient and \
+             connectivity error when lower. Plate: PSNR in dB where seen. Mesh: chamfer distance in % \
+             of the object's size.\n\n",
+        );
+        for row in &self.rows {
+            let _ = write!(
+                out,
+                "- {} (`{}/`): `{}`",
+                row.compared.name, row.row, row.definition
+            );
+            if let Some(seconds) = row.seconds {
+                let _ = write!(out, ", {seconds:.0} s");
+            }
+            let missing = row.compared.report.missing.len();
+            if missing > 0 {
+                let _ = write!(out, ", {missing} mattes missing, counted as empty");
+            }
+            out.push('\n');
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::config::{Preset, TrainConfig};
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn every_row_is_a_configuration_that_works_and_differs() {
+        for preset in [Preset::Quick, Preset::Default, Preset::Paper] {
+            let mut seen = BTreeSet::new();
+            for row in TABLE.iter().chain(&RIVALS) {
+                assert_eq!(Row::named(row.name), Some(*row));
+                let Kind::Run { start, settings } = row.kind else {
+                    continue;
+                };
+                let mut config = TrainConfig::preset(preset);
+                for setting in settings {
+                    config.apply_override(setting).unwrap();
+                }
+                config.validate().unwrap();
+                let text = toml::to_string(&config).unwrap();
+                assert!(
+                    seen.insert((start == Start::Masks, text)),
+                    "{preset}: {} is another row's twin",
+                    row.name
+                );
+            }
+            assert_eq!(seen.len(), 7);
+        }
+        assert_eq!(Row::named("everything"), None);
+    }
+}

@@ -1,0 +1,332 @@
+//! `sos ablate`: the rows of the paper's table on one scene, each a run of its own.
+
+use super::hull::{write_hull, write_masks};
+use super::input::{Plan, mask_source};
+use super::train::{quoted, train_run};
+use super::{AblateArgs, TrainArgs, answer, program};
+use crate::ablation::{Ablation, Kind, RIVALS, Row, Scored, Start, TABLE};
+use crate::config::RunRecord;
+use crate::error::{EXIT_OK, InputError};
+use crate::export::read_log;
+use crate::report::comparison_page;
+use crate::run_folder::{RunError, RunFolder, write_whole};
+use anyhow::Context as _;
+use io_colmap::{MaskSet, Scene};
+use scene_import::MaskSource;
+use serde_json::Value;
+use sos_eval::{Contender, compare_contenders, mattes_by_view};
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Names of the table's files.
+const TABLE_FILES: [&str; 3] = ["ablation.md", "ablation.json", "ablation.html"];
+
+/// Trains what is not there yet, scores everything, writes the table.
+pub(super) fn ablate(args: &AblateArgs) -> anyhow::Result<u8> {
+    let place = Place::find(args)?;
+    let rows: Vec<Row> = match args.only.as_slice() {
+        [] if args.rivals => TABLE.into_iter().chain(RIVALS).collect(),
+        [] => TABLE.to_vec(),
+        only => only.to_vec(),
+    };
+    // All that is there must belong to this table, before hours are spent on what is not.
+    for row in &rows {
+        place.check(args, row)?;
+    }
+    // What takes no time first: it also shows whether the truth fits.
+    let (quick, slow): (Vec<Row>, Vec<Row>) = rows
+        .iter()
+        .partition(|row| !matches!(row.kind, Kind::Run { .. }));
+    for row in quick.iter().chain(&slow) {
+        let code = place.make(args, row)?;
+        if code != EXIT_OK {
+            let _ = writeln!(
+                std::io::stderr(),
+                "the ablation is not complete; the same command goes on with {}",
+                quoted(&place.out.join(row.name))
+            );
+            return Ok(code);
+        }
+    }
+    place.summarise(args)?;
+    Ok(EXIT_OK)
+}
+
+/// Where everything is.
+struct Place {
+    masks: PathBuf,
+    gt: PathBuf,
+    out: PathBuf,
+}
+
+/// How far a row has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    Nothing,
+    /// A run without anything to go on from.
+    Begun,
+    /// A run with a checkpoint.
+    Saved,
+    Finished,
+}
+
+impl Place {
+    /// Finds scene, masks and truth, and opens them.
+    fn find(args: &AblateArgs) -> anyhow::Result<Self> {
+        let scene = Scene::open(&args.scene)?;
+        let masks = match mask_source(args.masks.as_deref()) {
+            MaskSource::Path(path) if !path.is_file() => Some(path),
+            MaskSource::Look => ["masks", "coarse_masks"]
+                .map(|name| args.scene.join(name))
+                .into_iter()
+                .find(|dir| dir.is_dir()),
+            MaskSource::Path(_) | MaskSource::Alpha | MaskSource::None => None,
+        };
+        let masks = masks.ok_or_else(|| {
+            InputError::new(
+                &args.scene,
+                "the table's rows need a folder of rough masks",
+                "give it with --masks; sos import makes one of other kinds of masks",
+            )
+        })?;
+        let found = MaskSet::find(&masks, &scene, args.polarity.map(Into::into))?;
+        if !args.quiet {
+            for note in &found.notes {
+                let _ = writeln!(std::io::stderr(), "{note}");
+            }
+        }
+        let gt = args.gt.clone().unwrap_or_else(|| args.scene.clone());
+        if args.gt.is_none() && !gt.join("alpha_gt").is_dir() {
+            return Err(InputError::new(
+                &gt,
+                "there is no alpha_gt/ to score against",
+                "say with --gt where the true mattes are",
+            )
+            .into());
+        }
+        mattes_by_view(&[], &gt)?;
+        let out = match &args.out {
+            Some(out) => out.clone(),
+            None => {
+                let full = fs::canonicalize(&args.scene).unwrap_or_else(|_| args.scene.clone());
+                let name = full.file_name().unwrap_or("scene".as_ref());
+                Path::new("runs").join(format!("{}-ablation", name.to_string_lossy()))
+            }
+        };
+        Ok(Self { masks, gt, out })
+    }
+
+    fn state(&self, row: &Row) -> State {
+        let dir = self.out.join(row.name);
+        match row.kind {
+            // Renamed when complete.
+            Kind::Masks | Kind::Hull if dir.join("alpha").is_dir() => State::Finished,
+            Kind::Masks | Kind::Hull => State::Nothing,
+            Kind::Run { .. } => match RunFolder::open_existing(&dir) {
+                Err(_) => State::Nothing,
+                // The last thing that a run writes.
+                Ok(run) if run.report_path().is_file() => State::Finished,
+                Ok(run) if run.has_checkpoint() => State::Saved,
+                Ok(_) => State::Begun,
+            },
+        }
+    }
+
+    /// What `sos train` would be asked for a row; nothing for one that is no run.
+    fn command(&self, args: &AblateArgs, row: &Row) -> Option<TrainArgs> {
+        let Kind::Run { start, settings } = row.kind else {
+            return None;
+        };
+        let own = settings.iter().map(|setting| (*setting).to_owned());
+        Some(TrainArgs {
+            scene: Some(args.scene.clone()),
+            masks: Some(match start {
+                Start::Masks => self.masks.clone(),
+                Start::Nothing => "none".into(),
+            }),
+            polarity: args.polarity.filter(|_| start == Start::Masks),
+            out: Some(self.out.join(row.name)),
+            preset: args.preset,
+            steps: args.steps,
+            downscale: args.downscale,
+            device: args.device.clone(),
+            seed: args.seed,
+            set: args.set.iter().cloned().chain(own).collect(),
+            skip_checks: args.skip_checks,
+            quiet: args.quiet,
+            ..TrainArgs::default()
+        })
+    }
+
+    /// Whether what is there of a row was made with the settings of this table, and whether these make
+    /// sense at all.
+    fn check(&self, args: &AblateArgs, row: &Row) -> anyhow::Result<()> {
+        let Some(command) = self.command(args, row) else {
+            return Ok(());
+        };
+        let wanted = Plan::new(&command)?.config;
+        if self.state(row) == State::Nothing {
+            return Ok(());
+        }
+        let dir = self.out.join(row.name);
+        let path = dir.join("config.toml");
+        let text = fs::read_to_string(&path).map_err(|source| RunError::Io {
+            action: "read",
+            path: path.clone(),
+            source,
+        })?;
+        let record = RunRecord::from_toml(&text).with_context(|| path.display().to_string())?;
+        let full = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+        let given = matches!(
+            row.kind,
+            Kind::Run {
+                start: Start::Masks,
+                ..
+            }
+        );
+        let masks = given.then(|| full(&self.masks));
+        if let Some(input) = &record.input
+            && (&input.scene, &input.masks) != (&full(&args.scene), &masks)
+        {
+            let masks = match &input.masks {
+                Some(masks) => format!(" with the masks in {}", masks.display()),
+                None => " without masks".to_owned(),
+            };
+            return Err(InputError::new(
+                &dir,
+                format!("it is a run of {}{masks}", input.scene.display()),
+                "choose another --out",
+            )
+            .into());
+        }
+        if let Some(other) = record.config.difference(&wanted)? {
+            let [there, here] = other.values;
+            return Err(InputError::new(
+                &dir,
+                format!("it was made with {} = {there}, not {here}", other.key),
+                "choose another --out, or remove it to train it again",
+            )
+            .into());
+        }
+        Ok(())
+    }
+
+    /// Makes what is missing of a row; gives the exit code.
+    fn make(&self, args: &AblateArgs, row: &Row) -> anyhow::Result<u8> {
+        let state = self.state(row);
+        let is_run = matches!(row.kind, Kind::Run { .. });
+        let say = |what: &str| {
+            if !args.quiet {
+                let _ = writeln!(std::io::stderr(), "== {}: {what}", row.title);
+            }
+        };
+        if state == State::Finished && is_run {
+            say("is there");
+            return Ok(EXIT_OK);
+        }
+        say(&row.definition());
+        let alpha = self.out.join(row.name).join("alpha");
+        // Made in seconds, and nothing in it says of which masks it was made.
+        if state == State::Finished {
+            fs::remove_dir_all(&alpha).map_err(|source| RunError::Io {
+                action: "remove",
+                path: alpha.clone(),
+                source,
+            })?;
+        }
+        match row.kind {
+            Kind::Masks => write_masks(&args.scene, &self.masks, args.polarity, &alpha)?,
+            Kind::Hull => write_hull(&args.scene, &self.masks, args.polarity, &alpha)?,
+            Kind::Run { .. } => {
+                let Some(command) = self.command(args, row) else {
+                    return Ok(EXIT_OK);
+                };
+                let (code, _) = train_run(&TrainArgs {
+                    resume: state == State::Saved,
+                    // A preset and a run to go on with exclude each other.
+                    preset: command.preset.filter(|_| state != State::Saved),
+                    force: state == State::Begun,
+                    ..command
+                })?;
+                return Ok(code);
+            }
+        };
+        Ok(EXIT_OK)
+    }
+
+    /// Scores all rows that are there, prints the table and writes it.
+    fn summarise(&self, args: &AblateArgs) -> anyhow::Result<()> {
+        let rows: Vec<Row> = TABLE
+            .into_iter()
+            .chain(RIVALS)
+            .filter(|row| self.state(row) == State::Finished)
+            .collect();
+        // Those that were not asked for belong to the table only if they have its settings.
+        let rows: Vec<Row> = rows
+            .into_iter()
+            .filter(|row| self.check(args, row).is_ok())
+            .collect();
+        let contender = |row: &Row| Contender {
+            name: row.title.to_owned(),
+            dir: self.out.join(row.name),
+        };
+        let contenders: Vec<Contender> = rows.iter().map(contender).collect();
+        let comparison = compare_contenders(&contenders, &self.gt)?;
+        answer(&comparison.table());
+        let page = comparison_page(&comparison, &contenders, &self.gt)?;
+        let scored = rows.iter().zip(comparison.contenders);
+        let ablation = Ablation {
+            scene: args.scene.display().to_string(),
+            settings: settings_of(args),
+            rows: scored
+                .map(|(row, compared)| Scored {
+                    row: row.name,
+                    definition: row.definition(),
+                    seconds: self.seconds(row),
+                    compared,
+                })
+                .collect(),
+        };
+        let [markdown, json, html] = TABLE_FILES.map(|name| self.out.join(name));
+        write_whole(&markdown, ablation.markdown().as_bytes())?;
+        write_whole(&json, serde_json::to_string_pretty(&ablation)?.as_bytes())?;
+        write_whole(&html, page.as_bytes())?;
+        if !args.quiet {
+            let _ = writeln!(
+                std::io::stderr(),
+                "the table is in {}, pictures in {}; {} compare puts other systems' masks beside them",
+                markdown.display(),
+                html.display(),
+                program()
+            );
+        }
+        Ok(())
+    }
+
+    /// How long a run took, by its log.
+    fn seconds(&self, row: &Row) -> Option<f64> {
+        let run = RunFolder::open_existing(&self.out.join(row.name)).ok()?;
+        let log = read_log(&run).ok()?;
+        let ends = log
+            .iter()
+            .filter(|line| line.get("event").is_some_and(|event| event == "end"));
+        ends.last()?.get("seconds").and_then(Value::as_f64)
+    }
+}
+
+/// The settings of all rows in the words of the command line; empty for the defaults.
+fn settings_of(args: &AblateArgs) -> String {
+    let mut words = Vec::new();
+    let mut say = |option: &str, value: Option<String>| {
+        words.extend(value.map(|value| format!("--{option} {value}")));
+    };
+    say("preset", args.preset.map(|preset| preset.to_string()));
+    say("steps", args.steps.map(|n| n.to_string()));
+    say("downscale", args.downscale.map(|n| n.to_string()));
+    say("seed", args.seed.map(|n| n.to_string()));
+    for setting in &args.set {
+        say("set", Some(setting.clone()));
+    }
+    words.join(" ")
+}

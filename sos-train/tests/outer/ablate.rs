@@ -1,0 +1,157 @@
+//! The table of what the method's parts are worth.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+/// Exit code, standard output and standard error of `sos ablate scene --out table …`.
+fn ablate(dir: &Path, more: &[&str]) -> (Option<i32>, String, String) {
+    let quick = [
+        "ablate",
+        "scene",
+        "--out",
+        "table",
+        "--preset",
+        "quick",
+        "--set",
+        "model.levels=4",
+        "--set",
+        "model.log2_table_size=10",
+        "--set",
+        "sampling.target_samples=2048",
+        "--set",
+        "sampling.occupancy_resolution=16",
+        "--set",
+        "export.mesh_resolution=16",
+        "--set",
+        "export.edge_rays=1",
+    ];
+    let output = Command::new(env!("CARGO_BIN_EXE_sos"))
+        .args([&quick[..], more].concat())
+        .current_dir(dir)
+        .output()
+        .unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (
+        output.status.code(),
+        text(output.stdout),
+        text(output.stderr),
+    )
+}
+
+#[test]
+fn rows_are_trained_once_and_scored_together() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = dir.path().join("scene");
+    crate::fabricated::SCENE.write(&scene).unwrap();
+    let table = dir.path().join("table");
+    let few = ["--steps", "3"];
+    let rows = ["mask", "hull", "object", "semantic", "density"];
+    let only: Vec<&str> = rows.iter().flat_map(|row| ["--only", row]).collect();
+
+    let (code, printed, said) = ablate(dir.path(), &[&few[..], &only].concat());
+    assert_eq!(code, Some(0), "{said}");
+    for title in [
+        "mask only",
+        "mask + F",
+        "soft visual hull",
+        "radiance field F + B",
+        "semantic field",
+    ] {
+        assert!(
+            printed.lines().any(|line| line.starts_with(title)),
+            "{title}: {printed}"
+        );
+    }
+    // The start masks are what they are scored as elsewhere, a missing one included.
+    let comparison = Command::new(env!("CARGO_BIN_EXE_sos"))
+        .args([
+            "compare",
+            "masks=scene/coarse_masks",
+            "--gt",
+            "scene",
+            "--json",
+        ])
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    let masks: serde_json::Value = serde_json::from_slice(&comparison.stdout).unwrap();
+    let json = fs::read_to_string(table.join("ablation.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["rows"].as_array().unwrap().len(), rows.len());
+    assert_eq!(json["rows"][0]["row"], "mask");
+    let iou = &json["rows"][0]["report"]["mean"]["iou"];
+    assert_eq!(*iou, masks["contenders"][0]["report"]["mean"]["iou"]);
+    assert!(iou.as_f64().unwrap() > 0.3);
+    // A row is its settings.
+    for (row, line) in [
+        ("object", "fields = \"object\""),
+        ("semantic", "fields = \"semantic\""),
+        ("density", "foreground = \"density\""),
+    ] {
+        let config = fs::read_to_string(table.join(row).join("config.toml")).unwrap();
+        assert!(config.lines().any(|l| l == line), "{row}: {config}");
+        assert!(config.contains("steps = 3\n"), "{config}");
+    }
+    let markdown = fs::read_to_string(table.join("ablation.md")).unwrap();
+    assert!(
+        markdown.contains("| mask + F |") && markdown.contains("--steps 3"),
+        "{markdown}"
+    );
+    let page = fs::read_to_string(table.join("ablation.html")).unwrap();
+    // Truth and four full rows of six views, five masks.
+    assert_eq!(page.matches("<img ").count(), 35);
+    assert!(!page.contains("http"), "the page needs the network");
+
+    // Once more: nothing is trained, and a row that is missing comes to those that are there.
+    let log = |row: &str| fs::read_to_string(table.join(row).join("log.jsonl")).unwrap();
+    let before = log("semantic");
+    let (code, printed, said) = ablate(
+        dir.path(),
+        &[&few[..], &["--only", "semantic", "--only", "all"]].concat(),
+    );
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("semantic field: is there"), "{said}");
+    assert_eq!(log("semantic"), before);
+    for title in ["all ", "semantic field ", "mask only "] {
+        assert!(
+            printed.lines().any(|line| line.starts_with(title)),
+            "{printed}"
+        );
+    }
+
+    // Runs of other settings or masks are not mixed into a table.
+    let other = ["--masks", "scene/alpha_gt", "--only", "semantic"];
+    let (code, _, said) = ablate(dir.path(), &[&few[..], &other].concat());
+    assert_eq!(code, Some(2), "{said}");
+    assert!(
+        said.contains("with the masks in") && said.contains("coarse_masks"),
+        "{said}"
+    );
+    let (code, _, said) = ablate(dir.path(), &["--steps", "4", "--only", "semantic"]);
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("steps = 3, not 4"), "{said}");
+    assert_eq!(log("semantic"), before);
+}
+
+#[test]
+fn what_a_table_needs_is_asked_for_before_anything_is_trained() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = dir.path().join("scene");
+    crate::fabricated::SCENE.write(&scene).unwrap();
+    for (more, says) in [
+        (&["--only", "everything"][..], "no-sparsity"),
+        (&["--masks", "none"], "--masks"),
+        (&["--gt", "nowhere"], "nowhere"),
+        (&["--set", "loss.mosk=1"], "loss.mask?"),
+    ] {
+        let (code, _, said) = ablate(dir.path(), more);
+        assert_eq!(code, Some(2), "{more:?}: {said}");
+        assert!(said.contains(says), "{more:?}: {said}");
+    }
+    fs::rename(scene.join("alpha_gt"), dir.path().join("truth")).unwrap();
+    let (code, _, said) = ablate(dir.path(), &[]);
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("--gt"), "{said}");
+    assert!(!dir.path().join("table").exists());
+}
