@@ -51,7 +51,7 @@ impl Location {
                 let hint = Hint::Mask { view, mask };
                 (hint.region(views, points), by_hint(&hint), None)
             }
-            _ => match MaskConsensus::of(views, config) {
+            _ => match MaskConsensus::of(views, points, config) {
                 Ok(found) => (Ok(found.frame), "where the masks agree", Some(found)),
                 Err(error) => (Err(error), "", None),
             },

@@ -1,26 +1,38 @@
 //! Where the object is: the box, from the masks of all views together.
 
+use super::clearance::clear_of_cameras;
+use super::depth_range::DepthRange;
 use super::error::PrepareError;
 use super::frame::Frame;
 use super::view::TrainView;
-use super::votes::{ViewTrust, vote_grid};
+use super::votes::{Electorate, ViewTrust, vote_grid};
 use crate::config::PrepareConfig;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
+use io_colmap::SparsePoint;
+use scene_decomp::probability::ProbabilityMap;
 
 /// Voxels per axis of the search grid.
 const SEARCH_RESOLUTION: usize = 64;
 /// Half the search cube's side over the object's median apparent radius.
 const SEARCH_RADII: f64 = 3.5;
+/// Share of a mask's pixels that its far ends are beyond of; the rest may be specks.
+const FAR_END: f64 = 0.98;
 
-/// The box, from masks.
+/// The box, from masks. `points` are the model's sparse points, and may be none.
 ///
 /// The centre is the point closest to the rays through the masks' centroids; the size comes from
 /// their areas; then every voxel of a cube around it collects the masks' votes, and the box is
-/// where the votes agree, with a margin.
+/// where the votes agree, with a margin. Where all views are from much the same side, votes agree
+/// along a cone that is far deeper than any object: [`DepthRange`] cuts it. Cameras stay outside
+/// ([`clear_of_cameras`]).
 ///
 /// # Errors
 /// When no three masks agree on a place.
-pub fn box_from_masks(views: &[TrainView], config: &PrepareConfig) -> Result<Frame, PrepareError> {
+pub fn box_from_masks(
+    views: &[TrainView],
+    points: &[SparsePoint],
+    config: &PrepareConfig,
+) -> Result<Frame, PrepareError> {
     let outlines: Vec<Outline> = views.iter().filter_map(Outline::of).collect();
     if outlines.len() < 2 {
         return Err(PrepareError::Scene(format!(
@@ -43,14 +55,27 @@ pub fn box_from_masks(views: &[TrainView], config: &PrepareConfig) -> Result<Fra
                 .into(),
         ));
     };
+    let trust = ViewTrust::all(views);
+    let depth = DepthRange::of(&outlines, centre, &Electorate::new(views, &trust), points);
+    let cameras: Vec<DVec3> = views
+        .iter()
+        .map(|view| view.camera_from_world.centre())
+        .collect();
     let mut frame = Frame {
         centre,
         half_side: SEARCH_RADII * radius,
     };
-    let trust = ViewTrust::all(views);
     // Twice: the second time around what the first found, so that the grid is fine enough.
     for _ in 0..2 {
-        let votes = vote_grid(views, &frame, SEARCH_RESOLUTION, &trust);
+        let mut votes = vote_grid(views, &frame, SEARCH_RESOLUTION, &trust);
+        if let Some(depth) = &depth {
+            for (cell, vote) in votes.iter_mut().enumerate() {
+                let at = ProbabilityMap::centre(SEARCH_RESOLUTION, cell);
+                if !depth.contains(frame.world_from_normalised(at)) {
+                    *vote = 0.0;
+                }
+            }
+        }
         let Some((low, high)) = extent(&votes, config.object_threshold) else {
             return Err(PrepareError::Scene(
                 "the masks do not agree on any place in space; check that they show the same \
@@ -58,13 +83,11 @@ pub fn box_from_masks(views: &[TrainView], config: &PrepareConfig) -> Result<Fra
                     .into(),
             ));
         };
+        // What the votes enclose, and a voxel around it.
         let voxel = 2.0 / SEARCH_RESOLUTION as f64;
-        let size = (high - low).max_element() + 2.0 * voxel;
-        let middle = 0.5 * (low + high);
-        frame = Frame {
-            centre: frame.centre + middle * frame.half_side,
-            half_side: 0.5 * size * (1.0 + 2.0 * f64::from(config.box_margin)) * frame.half_side,
-        };
+        let corner = |at: DVec3| frame.centre + at * frame.half_side;
+        let (low, high) = (corner(low - voxel), corner(high + voxel));
+        frame = clear_of_cameras(low, high, config.box_margin.into(), &cameras);
     }
     Ok(frame)
 }
@@ -121,49 +144,56 @@ pub fn closest_to_ray(
 }
 
 /// What one mask says about direction and size.
-struct Outline {
-    origin: DVec3,
+pub(super) struct Outline {
+    /// The camera's place.
+    pub(super) origin: DVec3,
+    /// Through the middle of the mask, of unit length.
     direction: DVec3,
-    forward: DVec3,
+    /// The optical axis, of unit length.
+    pub(super) forward: DVec3,
+    /// Of the disc of the mask's area, over the depth.
     angular_radius: f64,
+    /// From the middle to the mask's far ends, over the depth.
+    pub(super) angular_reach: f64,
 }
 
 impl Outline {
     fn of(view: &TrainView) -> Option<Self> {
         let mask = view.mask.as_ref()?;
-        let (mut area, mut x, mut y) = (0u64, 0.0, 0.0);
-        for (px, py, value) in mask.enumerate_pixels() {
-            if value.0[0] >= 128 {
-                area += 1;
-                x += f64::from(px) + 0.5;
-                y += f64::from(py) + 0.5;
-            }
-        }
-        if area < 16 {
+        let inside: Vec<DVec2> = mask
+            .enumerate_pixels()
+            .filter(|(_, _, value)| value.0[0] >= 128)
+            .map(|(x, y, _)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5))
+            .collect();
+        if inside.len() < 16 {
             return None;
         }
-        let n = area as f64;
-        Self::through(
-            view,
-            glam::DVec2::new(x / n, y / n),
-            (n / std::f64::consts::PI).sqrt(),
-        )
+        let n = inside.len() as f64;
+        let middle = inside.iter().sum::<DVec2>() / n;
+        let mut off: Vec<f64> = inside.iter().map(|at| at.distance(middle)).collect();
+        let far = (FAR_END * (n - 1.0)) as usize;
+        let (_, reach, _) = off.select_nth_unstable_by(far, f64::total_cmp);
+        Self::through(view, middle, (n / std::f64::consts::PI).sqrt(), *reach)
     }
 
     fn of_axis(view: &TrainView) -> Option<Self> {
         let (w, h) = (f64::from(view.width()), f64::from(view.height()));
-        Self::through(view, glam::DVec2::new(0.5 * w, 0.5 * h), 0.3 * w.min(h))
+        let radius = 0.3 * w.min(h);
+        Self::through(view, DVec2::new(0.5 * w, 0.5 * h), radius, radius)
     }
 
-    fn through(view: &TrainView, pixel: glam::DVec2, radius: f64) -> Option<Self> {
+    /// Around a pixel; `radius` and `reach` in pixels.
+    fn through(view: &TrainView, pixel: DVec2, radius: f64, reach: f64) -> Option<Self> {
         let world_from_camera = view.camera_from_world.inverse();
         let direction = view.lens.0.unproject(pixel)?;
         let (fx, fy) = view.lens.0.focal();
+        let focal = (fx * fy).sqrt();
         Some(Self {
             origin: view.camera_from_world.centre(),
             direction: world_from_camera.transform_vector(direction).normalize(),
             forward: world_from_camera.transform_vector(DVec3::Z),
-            angular_radius: radius / (fx * fy).sqrt(),
+            angular_radius: radius / focal,
+            angular_reach: reach / focal,
         })
     }
 }
@@ -300,5 +330,69 @@ mod tests {
             .collect();
         let error = box_from_cameras(&spread).unwrap_err().to_string();
         assert!(error.contains("--masks"), "{error}");
+    }
+
+    /// The same with the mask of a ball.
+    fn with_ball(mut view: TrainView, centre: DVec3, radius: f64) -> TrainView {
+        let world_from_camera = view.camera_from_world.inverse();
+        let to_ball = centre - world_from_camera.translation;
+        let shows_ball = |x: u32, y: u32| {
+            let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let ray = view.lens.0.unproject(pixel).unwrap();
+            let ray = world_from_camera.transform_vector(ray).normalize();
+            to_ball.dot(ray) > 0.0 && to_ball.reject_from(ray).length() < radius
+        };
+        view.mask = Some(image::GrayImage::from_fn(64, 48, |x, y| {
+            image::Luma([255 * u8::from(shows_ball(x, y))])
+        }));
+        view
+    }
+
+    #[test]
+    fn from_one_side_the_box_is_about_as_deep_as_wide_and_holds_no_camera() {
+        let (ball, radius) = (DVec3::new(0.2, -0.1, 5.0), 1.0);
+        // Side by side within a tenth of the distance, all facing one way, obliquely to the axes.
+        let tilt = DQuat::from_rotation_y(0.6) * DQuat::from_rotation_x(0.4);
+        let views: Vec<TrainView> = (0..20)
+            .map(|i| {
+                let at = DVec3::new(
+                    0.2 * f64::from(i % 5) - 0.4,
+                    0.2 * f64::from(i / 5) - 0.3,
+                    0.0,
+                );
+                with_ball(view(tilt * at, tilt * DVec3::Z), tilt * ball, radius)
+            })
+            .collect();
+        let config = crate::config::TrainConfig::default().prepare;
+        let half = |points: &[SparsePoint]| {
+            let frame = box_from_masks(&views, points, &config).unwrap();
+            let off = (frame.centre - tilt * ball).abs().max_element();
+            assert!(off + radius < frame.half_side, "holds the ball: {frame:?}");
+            let holds = |view: &TrainView| {
+                let camera = frame.normalised_from_world(view.camera_from_world.centre());
+                camera.abs().max_element() < 1.0
+            };
+            assert!(!views.iter().any(holds), "holds cameras: {frame:?}");
+            frame.half_side
+        };
+        assert!(half(&[]) < 2.5 * radius);
+
+        // Points on the side of the ball that is seen, and a tenth as many strays in front of it.
+        let points: Vec<SparsePoint> = (0..110)
+            .map(|i| {
+                let (turn, z) = (2.4 * f64::from(i), 0.05 + 0.9 * f64::from(i % 10) / 10.0);
+                let across = (1.0 - z * z).sqrt();
+                let front = DVec3::new(across * turn.cos(), across * turn.sin(), -z);
+                let stray = if i < 10 { DVec3::Z * 1.5 } else { DVec3::ZERO };
+                SparsePoint {
+                    id: i as u64,
+                    position: tilt * (ball + 0.98 * front - stray),
+                    colour: [0; 3],
+                    error: 0.0,
+                    views: Vec::new(),
+                }
+            })
+            .collect();
+        assert!(half(&points) < 2.2 * radius);
     }
 }

@@ -1,5 +1,7 @@
 //! From photos and rough masks to what training needs: box, probability map, labels.
 
+mod clearance;
+mod depth_range;
 pub mod error;
 pub mod frame;
 pub mod locate;
@@ -54,13 +56,17 @@ pub struct MaskConsensus {
 }
 
 impl MaskConsensus {
-    /// Of the views that have a mask.
+    /// Of the views that have a mask. `points` are the model's sparse points.
     ///
     /// # Errors
     /// When they do not determine a box.
-    pub fn of(views: &[TrainView], config: &PrepareConfig) -> Result<Self, PrepareError> {
+    pub fn of(
+        views: &[TrainView],
+        points: &[SparsePoint],
+        config: &PrepareConfig,
+    ) -> Result<Self, PrepareError> {
         const STRIDE: u32 = 8;
-        let frame = locate::box_from_masks(views, config)?;
+        let frame = locate::box_from_masks(views, points, config)?;
         let coarse = MAP_RESOLUTION / 2;
         let votes = vote_grid(views, &frame, coarse, &ViewTrust::all(views));
         let silhouettes = silhouettes(views, &frame, &ProbabilityMap::new(coarse, votes), STRIDE);
@@ -95,7 +101,7 @@ pub fn prepare(
 ) -> Result<Prepared, PrepareError> {
     let masked = views.iter().any(|view| view.mask.is_some());
     let consensus = masked
-        .then(|| MaskConsensus::of(&views, config))
+        .then(|| MaskConsensus::of(&views, points, config))
         .transpose()?;
     let doubted = consensus.iter().flat_map(|found| found.doubted(&views));
     let doubted: Vec<&str> = doubted.collect();

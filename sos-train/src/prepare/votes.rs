@@ -1,5 +1,6 @@
 //! Votes of many masks on points of space: the soft visual hull.
 
+use glam::DVec3;
 use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
@@ -23,10 +24,52 @@ impl ViewTrust {
     }
 }
 
-/// The trusted share of masks that say "object" at each voxel's centre, `[resolution^3]`, x fastest.
-///
-/// Only views that have the voxel in the picture are asked; a voxel that fewer than three of them,
-/// or fewer than a third, see gets 0: far out, few masks agree by chance.
+/// The masks that are asked, and how many of them must have a point in the picture to be heard.
+#[derive(Debug)]
+pub(super) struct Electorate<'a> {
+    views: &'a [TrainView],
+    trust: &'a ViewTrust,
+    enough: usize,
+}
+
+impl<'a> Electorate<'a> {
+    pub(super) fn new(views: &'a [TrainView], trust: &'a ViewTrust) -> Self {
+        let masked = trust.0.iter().filter(|t| **t > 0.0).count();
+        Self {
+            views,
+            trust,
+            enough: masked.div_ceil(3).max(masked.min(3)),
+        }
+    }
+
+    /// The trusted share of masks that say "object" at a point of the scene's frame.
+    ///
+    /// Only views that have the point in the picture are asked; one that fewer than three of them,
+    /// or fewer than a third, see gets 0: far out, few masks agree by chance.
+    pub(super) fn vote(&self, world: DVec3) -> f32 {
+        let (mut sum, mut total, mut seen) = (0.0, 0.0, 0);
+        for (view, &trust) in self.views.iter().zip(&self.trust.0) {
+            let Some(mask) = &view.mask else { continue };
+            if trust <= 0.0 {
+                continue;
+            }
+            let Some((pixel, _)) = view.project(world) else {
+                continue;
+            };
+            let value = mask.get_pixel(pixel.x as u32, pixel.y as u32).0[0];
+            sum += trust * f32::from(value) / 255.0;
+            total += trust;
+            seen += 1;
+        }
+        if seen < self.enough || total <= 0.0 {
+            0.0
+        } else {
+            sum / total
+        }
+    }
+}
+
+/// The vote on each voxel's centre, `[resolution^3]`, x fastest.
 #[must_use]
 pub fn vote_grid(
     views: &[TrainView],
@@ -34,31 +77,11 @@ pub fn vote_grid(
     resolution: usize,
     trust: &ViewTrust,
 ) -> Vec<f32> {
-    let masked = trust.0.iter().filter(|t| **t > 0.0).count();
-    let enough = masked.div_ceil(3).max(masked.min(3));
+    let electorate = Electorate::new(views, trust);
     (0..resolution.pow(3))
         .into_par_iter()
         .map(|cell| {
-            let world = frame.world_from_normalised(ProbabilityMap::centre(resolution, cell));
-            let (mut sum, mut total, mut seen) = (0.0, 0.0, 0);
-            for (view, &trust) in views.iter().zip(&trust.0) {
-                let Some(mask) = &view.mask else { continue };
-                if trust <= 0.0 {
-                    continue;
-                }
-                let Some((pixel, _)) = view.project(world) else {
-                    continue;
-                };
-                let value = mask.get_pixel(pixel.x as u32, pixel.y as u32).0[0];
-                sum += trust * f32::from(value) / 255.0;
-                total += trust;
-                seen += 1;
-            }
-            if seen < enough || total <= 0.0 {
-                0.0
-            } else {
-                sum / total
-            }
+            electorate.vote(frame.world_from_normalised(ProbabilityMap::centre(resolution, cell)))
         })
         .collect()
 }
