@@ -85,6 +85,7 @@ impl Workspace {
         };
         let command = match task {
             Task::Train => program("sos-train", "sos", &["train"]),
+            Task::Doctor => program("sos-train", "sos", &["doctor"]),
             Task::Import => program("sos-train", "sos", &["import"]),
             Task::Export => program("sos-train", "sos", &["export"]),
             Task::Eval => program("sos-train", "sos", &["eval"]),
@@ -99,7 +100,13 @@ impl Workspace {
         let mut command = command.with_all(arguments);
         if matches!(
             task,
-            Task::Train | Task::Import | Task::Export | Task::Eval | Task::Compare | Task::Sos
+            Task::Train
+                | Task::Doctor
+                | Task::Import
+                | Task::Export
+                | Task::Eval
+                | Task::Compare
+                | Task::Sos
         ) {
             // So that hints can be pasted: `cargo xtask train --resume`.
             command.environment.push(("SOS_INVOKED_AS", "cargo xtask"));
@@ -200,6 +207,7 @@ mod tests {
             line(Task::Eval, &["runs/demo"]),
             format!("{sos} eval runs/demo")
         );
+        assert_eq!(line(Task::Doctor, &["fox"]), format!("{sos} doctor fox"));
         assert_eq!(
             line(Task::Import, &["fox", "--out", "scene"]),
             format!("{sos} import fox --out scene")
