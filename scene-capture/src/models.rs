@@ -106,7 +106,7 @@ fn remedy(source: &Source) -> &'static str {
         }
         Source::Video(_) => {
             "film more slowly and all around in good light, keep textured things in view, do not \
-             zoom or turn on the spot, or take more frames with --frames"
+             zoom or turn on the spot, or take more frames with sos capture --frames"
         }
     }
 }

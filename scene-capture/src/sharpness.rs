@@ -60,6 +60,56 @@ impl Grey {
         squares / count as f64 - mean * mean
     }
 
+    /// The share of differences between neighbours that outlasts a blur by one pixel: what is sharp
+    /// loses much, what is blurred already next to nothing. 1 for a plain picture.
+    ///
+    /// It depends less on what a picture shows than [`Grey::sharpness`] does: on pictures of some 640
+    /// pixels 0.4 to 0.87 where they are sharp, above 0.9 with a blur of a pixel or more.
+    #[must_use]
+    pub fn softness(&self) -> f64 {
+        let blurred = self.turned_and_blurred().turned_and_blurred();
+        let before = self.roughness();
+        if before > 0.0 {
+            blurred.roughness() / before
+        } else {
+            1.0
+        }
+    }
+
+    /// Sum of absolute differences between neighbours.
+    fn roughness(&self) -> f64 {
+        let (w, v) = (self.width.max(1), &self.values);
+        let step = |i: usize, j: usize| {
+            v.get(j)
+                .map_or(0.0, |other| f64::from((other - v[i]).abs()))
+        };
+        (0..v.len())
+            .map(|i| {
+                let across = if (i + 1) % w > 0 { step(i, i + 1) } else { 0.0 };
+                across + step(i, i + w)
+            })
+            .sum()
+    }
+
+    /// Rows become columns, each blurred by a binomial with a deviation of one pixel; edges go on.
+    fn turned_and_blurred(&self) -> Grey {
+        const WEIGHTS: [f32; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
+        let (w, h) = (self.width, self.height);
+        let mut values = vec![0.0; w * h];
+        for (i, value) in values.iter_mut().enumerate() {
+            let (x, y) = (i / h, i % h);
+            for (k, weight) in WEIGHTS.iter().enumerate() {
+                let near = (x + k).saturating_sub(2).min(w - 1);
+                *value += weight * self.values[y * w + near];
+            }
+        }
+        Grey {
+            width: h,
+            height: w,
+            values,
+        }
+    }
+
     /// Mean of the values; sharpness grows with its square.
     #[must_use]
     pub fn mean(&self) -> f64 {
@@ -135,6 +185,7 @@ mod tests {
         assert!(soft > 1.5 * blurred, "{soft} {blurred}");
         let plain = Grey::of_rgb(&[80; 300], 10, 10);
         assert_eq!((plain.sharpness(), plain.mean()), (0.0, 80.0));
+        assert_eq!(plain.softness(), 1.0);
         // Half the light.
         let bright = stripes(800, 200, 16.0, 0.0);
         let dark: Vec<u8> = bright.iter().map(|v| v / 2).collect();
@@ -145,10 +196,29 @@ mod tests {
     }
 
     #[test]
+    fn softness_tells_blur_whatever_the_picture_shows() {
+        // Rubble, and the same blurred again and again.
+        let rubble: Vec<u8> = (0..64 * 48_u64)
+            .flat_map(|i| [(i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as u8; 3])
+            .collect();
+        let mut grey = Grey::of_rgb(&rubble, 64, 48);
+        let mut before = grey.softness();
+        assert!(before < 0.5, "{before}");
+        for _ in 0..16 {
+            grey = grey.turned_and_blurred().turned_and_blurred();
+            let softness = grey.softness();
+            assert!(softness > before, "{softness} {before}");
+            before = softness;
+        }
+        assert!(before > 0.9, "{before}");
+    }
+
+    #[test]
     fn small_and_odd_pictures_are_no_trouble() {
         for (width, height) in [(0, 0), (1, 1), (2, 9), (641, 3), (3, 641)] {
             let grey = Grey::of_rgb(&vec![9; 3 * width * height], width, height);
             assert!(grey.sharpness().is_finite(), "{width} {height}");
+            assert!(grey.softness().is_finite(), "{width} {height}");
             assert!(!grey.thumbnail().differs_from(&grey.thumbnail()));
         }
         assert_eq!(Grey::of_rgb(&vec![9; 3 * 1300 * 4], 1300, 4).width, 433);

@@ -15,6 +15,9 @@ pub struct PhotoMeasures {
     /// Variance of the Laplacian of the photo scaled down to 640 pixels, over the square of its mean
     /// luma: half the light is a quarter of that variance.
     pub sharpness: f64,
+    /// Share of the scaled photo's detail that outlasts a blur by one pixel, as 1 where it has none:
+    /// [`Grey::softness`].
+    pub softness: f64,
     /// Mean linear luminance, 0..1.
     pub luminance: f64,
     /// Share of pixels with all channels blown out.
@@ -46,6 +49,7 @@ impl PhotoMeasures {
         let n = f64::from(count.max(1));
         Self {
             sharpness: grey.sharpness() / grey.mean().max(1.0).powi(2),
+            softness: grey.softness(),
             luminance: light / n,
             blown: f64::from(blown) / n,
             black: f64::from(black) / n,

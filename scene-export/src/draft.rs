@@ -9,8 +9,8 @@ use tempfile::TempDir;
 /// Start of the names of folders that are being written.
 const PARTIAL: &str = ".sos-partial-";
 
-/// In every folder written here; what lacks it is somebody else's and is never replaced.
-const RECORD: &str = "export.txt";
+/// The file in every folder written here; what lacks it is somebody else's and is never replaced.
+pub const RECORD: &str = "export.txt";
 
 /// What to do with an export that is already there.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -47,7 +47,7 @@ mod transforms;
 mod video;
 
 pub use coco::RunLengths;
-pub use draft::{Draft, Existing};
+pub use draft::{Draft, Existing, RECORD};
 pub use error::{ExportError, UnknownWord};
 pub use ffmpeg::{Codec, Ffmpeg, Video};
 pub use mesh::Mesh;

@@ -12,6 +12,8 @@ use std::time::{Duration, Instant};
 
 /// Time between two lines where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
+/// Time that an estimate of the rest must be based on.
+const LEAST_BASIS: Duration = Duration::from_millis(500);
 /// The bar is redrawn at most this often a second.
 const DRAWS_PER_SECOND: u8 = 5;
 const TEMPLATE: &str = "{prefix} {bar:24} {pos}/{len}  {wide_msg}";
@@ -224,8 +226,13 @@ impl Meter {
     /// "4 min 10 s left", once there is something to go by.
     fn left(&self) -> Option<String> {
         let done = self.done.checked_sub(self.first).filter(|done| *done > 0)?;
-        let seconds = self.begun.elapsed().as_secs_f64() / done as f64
-            * self.total.saturating_sub(self.done) as f64;
+        let elapsed = self.begun.elapsed();
+        // The first part's number may come before its work.
+        if elapsed < LEAST_BASIS {
+            return None;
+        }
+        let seconds =
+            elapsed.as_secs_f64() / done as f64 * self.total.saturating_sub(self.done) as f64;
         Some(format!(
             "{} left",
             duration(Duration::try_from_secs_f64(seconds).ok()?)

@@ -11,7 +11,9 @@ mod files;
 pub use error::RunError;
 pub(crate) use files::{view_file, write_whole};
 
-use files::{Durability, PARTIAL, remove_file, remove_folder, remove_pictures, write_file};
+use files::{
+    Durability, PARTIAL, remove_file, remove_folder, remove_made, remove_pictures, write_file,
+};
 use std::fs;
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
@@ -29,6 +31,7 @@ const VIEW_FOLDERS: [(&str, &str); 8] = [
     ("uncertainty", "png"),
 ];
 const CHECKPOINT: &str = "checkpoint";
+const SCENE: &str = "scene";
 const CONFIG: &str = "config.toml";
 const LOG: &str = "log.jsonl";
 /// Files at the top of a run.
@@ -40,6 +43,9 @@ const FILES: [&str; 6] = [
     "report.html",
     "preview.png",
 ];
+
+/// Folders of what `sos export` and `sos render` made of the results.
+const MADE_FOLDERS: [&str; 2] = ["export", "render"];
 
 /// What to do with a run that is already there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,8 +75,8 @@ impl RunFolder {
     /// until the first file is written.
     ///
     /// # Errors
-    /// [`RunError`] if a run is there and `existing` says to keep it, if the folder holds only
-    /// other things, or if it cannot be written to.
+    /// [`RunError`] if a run is there and `existing` says to keep it, if the folder holds anything
+    /// else than a scene that an earlier run has left, or if it cannot be written to.
     pub fn create(path: &Path, existing: Existing) -> Result<Self, RunError> {
         let mut replace = false;
         match fs::read_dir(path) {
@@ -90,7 +96,7 @@ impl RunFolder {
                         });
                     }
                     replace = true;
-                } else if !names.is_empty() {
+                } else if names.iter().any(|name| name != SCENE) {
                     return Err(RunError::Foreign {
                         path: path.to_path_buf(),
                     });
@@ -266,7 +272,7 @@ impl RunFolder {
 
     /// [`RunFolder::scene_dir`] of the run at a path.
     pub(crate) fn scene_in(root: &Path) -> PathBuf {
-        root.join("scene")
+        root.join(SCENE)
     }
 
     /// `mesh.ply`.
@@ -374,6 +380,10 @@ impl RunFolder {
         }
         for (folder, ending) in VIEW_FOLDERS {
             remove_pictures(&self.root.join(folder), ending)?;
+        }
+        // Beside other results they would pass for being made of those.
+        for folder in MADE_FOLDERS {
+            remove_made(&self.root.join(folder))?;
         }
         let checkpoint = self.checkpoint_dir();
         for dir in [

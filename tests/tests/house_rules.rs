@@ -323,6 +323,38 @@ fn every_crate_says_what_it_is() {
 }
 
 #[test]
+fn published_crates_have_metadata_and_an_example() {
+    let mut violations = Vec::new();
+    for package in packages().iter().filter(|package| package.is_published()) {
+        let (name, report) = (package.name, package.report);
+        for key in ["license", "readme", "repository", "rust_version"] {
+            if text(report, key).is_empty() {
+                violations.push(format!("{name}/Cargo.toml: say `{key}`"));
+            }
+        }
+        for key in ["keywords", "categories"] {
+            if !(1..=5).contains(&list(report, key).count()) {
+                violations.push(format!("{name}/Cargo.toml: name 1 to 5 {key}"));
+            }
+        }
+        for keyword in list(report, "keywords").filter_map(Value::as_str) {
+            if keyword.len() > 20 {
+                violations.push(format!(
+                    "{name}/Cargo.toml: crates.io takes keywords of 20 letters, not `{keyword}`"
+                ));
+            }
+        }
+        let is_example = |target: &Value| list(target, "kind").any(|kind| kind == "example");
+        if !list(report, "targets").any(is_example) {
+            violations.push(format!(
+                "{name}: add an example, and a line about it to docs/reuse.md"
+            ));
+        }
+    }
+    assert_none(&violations);
+}
+
+#[test]
 fn a_file_is_one_idea() {
     let mut violations = Vec::new();
     for file in rust_files() {

@@ -85,6 +85,7 @@ impl Workspace {
         };
         let command = match task {
             Task::Train => program("sos-train", "sos", &["train"]),
+            Task::Doctor => program("sos-train", "sos", &["doctor"]),
             Task::Import => program("sos-train", "sos", &["import"]),
             Task::Export => program("sos-train", "sos", &["export"]),
             Task::Eval => program("sos-train", "sos", &["eval"]),
@@ -101,6 +102,7 @@ impl Workspace {
         if matches!(
             task,
             Task::Train
+                | Task::Doctor
                 | Task::Import
                 | Task::Export
                 | Task::Eval
@@ -208,6 +210,7 @@ mod tests {
             line(Task::Eval, &["runs/demo"]),
             format!("{sos} eval runs/demo")
         );
+        assert_eq!(line(Task::Doctor, &["fox"]), format!("{sos} doctor fox"));
         assert_eq!(
             line(Task::Import, &["fox", "--out", "scene"]),
             format!("{sos} import fox --out scene")

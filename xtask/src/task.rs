@@ -9,6 +9,7 @@ The commands of this workspace. Arguments after the task's name go to the progra
 usage: cargo xtask TASK [ARGUMENTS]
 
   train [SCENE]   train a scene and write mattes, plates, normals, depth and mesh (sos train)
+  doctor SCENE    check a scene before training on it, each finding with a remedy (sos doctor)
   import SCENE    turn poses of another tool into a COLMAP scene (sos import)
   export RUN      turn results into EXR layers, OBJ, GLB, COCO, tools' masks (sos export)
   eval RUN        score a run against ground truth (sos eval)
@@ -26,13 +27,13 @@ examples:
   cargo xtask train                                   the demo scene, into runs/demo
   cargo xtask train shots/cat --masks shots/cat/masks
   cargo xtask train --help                            all options of a task
-  cargo xtask eval runs/demo --gt scene/gt/alpha
   cargo xtask test -p losses schedules                one package, tests of that name";
 
 /// A task that `cargo xtask` can do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Task {
     Train,
+    Doctor,
     Import,
     Export,
     Eval,
@@ -46,8 +47,9 @@ pub(crate) enum Task {
     Ci,
 }
 
-const TASKS: [(&str, Task); 12] = [
+const TASKS: [(&str, Task); 13] = [
     ("train", Task::Train),
+    ("doctor", Task::Doctor),
     ("import", Task::Import),
     ("export", Task::Export),
     ("eval", Task::Eval),

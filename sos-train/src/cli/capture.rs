@@ -134,6 +134,7 @@ pub(super) fn capture_for_run(
     let imported = Imported {
         from: source.path().to_path_buf(),
         masks_dir,
+        captured: true,
     };
     Ok((run, imported))
 }

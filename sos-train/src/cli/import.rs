@@ -47,6 +47,8 @@ pub(super) fn import(args: &ImportArgs) -> anyhow::Result<()> {
 pub(super) struct Imported {
     pub(super) from: PathBuf,
     pub(super) masks_dir: Option<PathBuf>,
+    /// Its poses were found by COLMAP for this run, which may have taken an hour.
+    pub(super) captured: bool,
 }
 
 /// Whether the folder can be trained on as it is: a COLMAP model, and masks in a folder or none.
@@ -91,6 +93,7 @@ pub(super) fn import_for_run(
     let imported = Imported {
         from: scene.to_path_buf(),
         masks_dir,
+        captured: false,
     };
     Ok((run, imported))
 }
@@ -102,7 +105,7 @@ pub(super) fn free_scene_dir(run: &RunFolder, may_replace: bool) -> anyhow::Resu
         return Err(InputError::new(
             &dir,
             "it is in the way: the imported scene goes there, and no run made this one",
-            "move it, or choose another folder with --out",
+            "train on it, move it, or choose another folder with --out",
         )
         .into());
     }

@@ -46,11 +46,13 @@ pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
     };
     // A scene that was made for this run goes with it; one to go on with stays.
     let made = site.run.clone();
-    let owns_scene = made.is_some() && !args.resume;
+    let captured = site.imported.as_ref().is_some_and(|scene| scene.captured);
+    let owns_scene = made.is_some() && !args.resume && !captured;
     let ready = open(args, &plan, site, &screen).inspect_err(|_| {
-        if let Some(run) = made.filter(|_| owns_scene && !demo) {
+        if let Some(run) = made.filter(|_| !demo && !args.resume) {
             // The error that is on its way says more than one from tidying up.
-            let _ = run.abandon(true);
+            let _ = run.abandon(owns_scene);
+            say_kept(&run, captured);
         }
     })?;
     let run = ready.run.clone();
@@ -67,6 +69,7 @@ pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
                 std::io::stderr(),
                 "stopped while looking for the object; nothing is left to go on from"
             );
+            say_kept(&run, captured);
             Ok((EXIT_INTERRUPTED, run.root().to_path_buf()))
         }
         Ok(TrainOutcome::Interrupted { step }) => {
@@ -82,9 +85,23 @@ pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
             // Input that cannot be used leaves nothing behind; a run that got somewhere does.
             if !args.resume && !run.has_checkpoint() {
                 run.abandon(owns_scene)?;
+                say_kept(&run, captured);
             }
             Err(error)
         }
+    }
+}
+
+/// Says where a scene is that outlives its run: COLMAP's work is not thrown away.
+fn say_kept(run: &RunFolder, captured: bool) {
+    if captured {
+        let scene = quoted(&run.scene_dir());
+        let _ = writeln!(
+            std::io::stderr(),
+            "the poses that were found are kept in {scene}; go on with: {} train {scene} --out {}",
+            program(),
+            quoted(run.root())
+        );
     }
 }
 

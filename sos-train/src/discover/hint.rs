@@ -191,8 +191,8 @@ impl Hint {
         let nothing = || {
             PrepareError::Scene(
                 "without masks the object is what stands in the middle of the cameras' view, but \
-                 nothing stands out there; show it with a mask for one photo or more (--masks), or \
-                 with --click VIEW:X,Y"
+                 nothing stands out there; show it with a mask for one photo or more (--masks), with \
+                 --click VIEW:X,Y or with --box"
                     .to_owned(),
             )
         };

@@ -105,8 +105,8 @@ pub fn box_from_cameras(views: &[TrainView]) -> Result<Frame, PrepareError> {
     if 4 * ahead < 3 * outlines.len() {
         return Err(PrepareError::Scene(format!(
             "without masks the object is where the cameras look, but the axes of {} of {} cameras \
-             do not meet in front of them; say where it is with rough masks (--masks), of a few \
-             photos at least",
+             do not meet in front of them; show it with the mask of a photo or more (--masks), with \
+             --click VIEW:X,Y or with --box",
             outlines.len() - ahead,
             outlines.len()
         )));
@@ -137,7 +137,7 @@ pub fn closest_to_ray(
     } else {
         Err(PrepareError::Scene(
             "nothing tells how far away the object is: the cameras' axes meet behind the one that \
-             shows it, and no sparse point is near; give masks for more photos"
+             shows it, and no sparse point is near; give masks for more photos, or --box"
                 .into(),
         ))
     }

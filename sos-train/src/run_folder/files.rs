@@ -103,3 +103,20 @@ pub(super) fn remove_pictures(folder: &Path, ending: &str) -> Result<(), RunErro
     let _ = fs::remove_dir(folder);
     Ok(())
 }
+
+/// Removes what was made of a run's results below `folder`: each folder in it that says so by its record.
+pub(super) fn remove_made(folder: &Path) -> Result<(), RunError> {
+    // A link leads out of the run.
+    if folder.is_symlink() {
+        return Ok(());
+    }
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.join(scene_export::RECORD).is_file() && !path.is_symlink() {
+            remove_folder(&path)?;
+        }
+    }
+    // Refused while something is left.
+    let _ = fs::remove_dir(folder);
+    Ok(())
+}

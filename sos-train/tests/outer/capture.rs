@@ -74,6 +74,28 @@ fn photos_alone_are_captured_and_trained_on() {
     let output = sos(dir, &path, &["capture", "absent.mp4", "--out", "again"]);
     assert_eq!(output.status.code(), Some(2));
 
+    // What COLMAP found outlives a run that cannot begin.
+    let lost = [
+        "--masks",
+        "none",
+        "--click",
+        "nobody.jpg:1,1",
+        "--out",
+        "lost",
+    ];
+    let output = sos(dir, &path, &[&["train", "photos"][..], &lost].concat());
+    let text = says(&output);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(
+        text.contains("are kept in lost/scene; go on with: sos train lost/scene --out lost"),
+        "{text}"
+    );
+    assert!(dir.join("lost/scene/sparse").is_dir());
+    let output = sos(dir, &path, &[&["train", "lost/scene"][..], &lost].concat());
+    let text = says(&output);
+    assert!(text.contains("no photo of that name"), "{text}");
+    assert!(dir.join("lost/scene/sparse").is_dir(), "{text}");
+
     let settings = [
         "steps=4",
         "model.levels=4",
@@ -105,4 +127,79 @@ fn photos_alone_are_captured_and_trained_on() {
         config.contains("imported_from") && config.contains("photos"),
         "{config}"
     );
+}
+
+/// Whether a program can be started; says so where the test cannot go on without.
+fn installed(program: &str) -> bool {
+    let found = Command::new(program).arg("-h").output().is_ok();
+    if !found {
+        eprintln!("skipped: there is no {program} here");
+    }
+    found
+}
+
+/// Photos and a video of the demo scene, with the real programs; skipped where they are not installed.
+#[test]
+fn photos_and_a_video_are_trained_on_with_the_real_colmap_and_ffmpeg() {
+    if !installed("colmap") || !installed("ffmpeg") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path();
+    let config = demo_scene::DemoConfig {
+        views: 28,
+        mesh_cell: 0.01,
+        ..demo_scene::DemoConfig::default()
+    };
+    demo_scene::generate(&config)
+        .write(&dir.join("truth"))
+        .unwrap();
+    fs::rename(dir.join("truth/images"), dir.join("film")).unwrap();
+    // Photos are farther apart than frames.
+    fs::create_dir(dir.join("photos")).unwrap();
+    for number in (0..28).step_by(2) {
+        let name = format!("{number:03}.png");
+        fs::copy(dir.join("film").join(&name), dir.join("photos").join(&name)).unwrap();
+    }
+    let filmed = Command::new("ffmpeg")
+        .args(["-v", "error", "-nostdin", "-framerate", "4"])
+        .args(["-i", "film/%03d.png", "-c:v", "mpeg4", "-q:v", "1"])
+        .arg("film.mp4")
+        .current_dir(dir)
+        .status();
+    if !filmed.unwrap().success() {
+        eprintln!("skipped: this ffmpeg cannot write the video of the test");
+        return;
+    }
+    let path = std::env::var("PATH").unwrap_or_default();
+    let quick = [
+        "--preset",
+        "quick",
+        "--steps",
+        "20",
+        "--set",
+        "model.levels=4",
+        "--set",
+        "model.log2_table_size=12",
+        "--set",
+        "export.mesh_resolution=32",
+        "--set",
+        "export.edge_rays=1",
+    ];
+    let photos = ["train", "photos", "--masks", "truth/coarse_masks"];
+    // Nothing shows the object in a film: it is found, or the next step is named.
+    let film = ["train", "film.mp4", "--masks", "none"];
+    for (run, words) in [("of_photos", photos), ("of_film", film)] {
+        let output = sos(dir, &path, &[&words[..], &["--out", run], &quick].concat());
+        let text = says(&output);
+        println!("{text}");
+        if run == "of_film" && output.status.code() == Some(2) {
+            assert!(text.contains("--click"), "{text}");
+            continue;
+        }
+        assert_eq!(output.status.code(), Some(0), "{text}");
+        for file in ["scene/capture.txt", "alpha", "report.html"] {
+            assert!(dir.join(run).join(file).exists(), "{run}/{file}");
+        }
+    }
 }

@@ -242,6 +242,21 @@ fn blurred_dark_and_contradicted_photos_are_named() {
 }
 
 #[test]
+fn photos_that_are_all_blurred_are_soft_as_a_whole() {
+    let (dir, scene) = scene();
+    for entry in fs::read_dir(scene.join("images")).unwrap() {
+        let path = entry.unwrap().path();
+        let photo: RgbImage = image::open(&path).unwrap().into_rgb8();
+        image::imageops::blur(&photo, 4.0).save(&path).unwrap();
+    }
+    let report = report(&dir, &[], 0);
+    let sharpness = check(&report, "sharpness");
+    assert_eq!(sharpness["status"], "warn", "{sharpness:#}");
+    let says = sharpness["says"].as_str().unwrap();
+    assert!(says.starts_with("the photos are soft as a whole"), "{says}");
+}
+
+#[test]
 fn inverted_masks_are_understood_or_said() {
     let (dir, scene) = scene();
     for entry in fs::read_dir(scene.join("masks")).unwrap() {

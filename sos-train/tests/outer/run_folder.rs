@@ -67,8 +67,20 @@ fn an_existing_run_is_kept_unless_told_otherwise() {
 fn replacing_waits_for_something_to_write_and_spares_what_is_not_ours() {
     let dir = tempfile::tempdir().unwrap();
     let path = run_in(dir.path());
-    for foreign in ["notes.txt", "alpha/readme.md", "sketch.png"] {
+    for foreign in ["export/glb", "export/mine", "render/turntable"] {
+        fs::create_dir_all(path.join(foreign)).unwrap();
+    }
+    for foreign in [
+        "notes.txt",
+        "alpha/readme.md",
+        "sketch.png",
+        "export/mine/a.obj",
+    ] {
         fs::write(path.join(foreign), "mine").unwrap();
+    }
+    // Made of results that are about to go.
+    for made in ["export/glb", "render/turntable"] {
+        fs::write(path.join(made).join(scene_export::RECORD), "from this run").unwrap();
     }
     let before = tree(&path);
     let run = RunFolder::create(&path, Existing::Replace).unwrap();
@@ -81,8 +93,15 @@ fn replacing_waits_for_something_to_write_and_spares_what_is_not_ours() {
     run.begin().unwrap();
     assert_eq!(
         tree(&path),
-        ["alpha/readme.md", "config.toml", "notes.txt", "sketch.png"]
+        [
+            "alpha/readme.md",
+            "config.toml",
+            "export/mine/a.obj",
+            "notes.txt",
+            "sketch.png"
+        ]
     );
+    assert!(!path.join("export/glb").exists() && !path.join("render").exists());
     assert_eq!(
         fs::read_to_string(run.config_path()).unwrap(),
         "steps = 2\n"
