@@ -13,7 +13,7 @@ use crate::run_folder::{RunError, RunFolder, write_whole};
 use anyhow::Context as _;
 use io_colmap::{MaskSet, Scene};
 use scene_import::MaskSource;
-use serde_json::Value;
+use serde_json::{Map, Value};
 use sos_eval::{Contender, compare_contenders, mattes_by_view};
 use std::fs;
 use std::io::Write as _;
@@ -308,10 +308,9 @@ impl Place {
     fn seconds(&self, row: &Row) -> Option<f64> {
         let run = RunFolder::open_existing(&self.out.join(row.name)).ok()?;
         let log = read_log(&run).ok()?;
-        let ends = log
-            .iter()
-            .filter(|line| line.get("event").is_some_and(|event| event == "end"));
-        ends.last()?.get("seconds").and_then(Value::as_f64)
+        let ends = |line: &&_| Map::get(line, "event").is_some_and(|event| event == "end");
+        let end = log.iter().rev().find(ends)?;
+        end.get("seconds").and_then(Value::as_f64)
     }
 }
 
