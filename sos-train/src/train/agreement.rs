@@ -1,127 +1,246 @@
-//! How far the masks can be relied on, measured by the surface that all of them agreed on.
+//! Where the masks can be relied on, measured by the surface that all of them agreed on.
 //!
 //! Rough masks are wrong in different places in different views: FoCoR, carved out of the scene by
 //! what most views say, contradicts them, and must not be pulled back. Good masks differ from it by
-//! a pixel or two, and know better than colours do where white fur ends before a white wall. So a
-//! mask's say late in training follows from its overlap with FoCoR's matte.
+//! a pixel or two, and know better than colours do where white fur ends before a white wall. Many are
+//! both: exact along most of the outline, and plainly wrong where a neighbour is included or a part is
+//! lost. So a mask's say late in training follows, tile by tile of the picture, from how far it and
+//! FoCoR's matte agree there.
 
-/// Overlap below which masks are not believed in detail, and from which they are believed fully.
-const DOUBTED: f32 = 0.88;
-const BELIEVED: f32 = 0.95;
+/// Tiles along the longer side of a picture.
+const TILES: u32 = 24;
+/// Share of a tile's rays on which mask and matte may differ for full trust, and from which on there is
+/// none. An outline that is off by `d` pixels costs `d / side` of its tile.
+const NEAR: f32 = 0.08;
+const FAR: f32 = 0.18;
+/// The same for an outline that is exact, to a pixel or so.
+const EXACT: f32 = 0.05;
+/// Shares of the outline's tiles that are exact, from which a mask is trusted at all, and fully: where
+/// most of an outline is rough, a tile that happens to agree is no better.
+const SELDOM: f32 = 0.22;
+const OFTEN: f32 = 0.36;
+/// Rays below which nothing is known about a tile.
+const LEAST_RAYS: f32 = 6.0;
+/// A tile holds outline where this share of it at least is object, and likewise not.
+const BOTH: f32 = 0.05;
 /// What older rays count after each update.
 const KEPT: f32 = 0.7;
 
-/// The share of the masks' and the mattes' union that is in both, view by view.
+/// The tile of a view's pixel, below [`tiles`]: a square grid, of which the shorter side of a picture uses
+/// a part.
+#[must_use]
+pub fn tile_of((width, height): (u32, u32), x: u32, y: u32) -> u32 {
+    let side = width.max(height).max(1);
+    let along = |v: u32| (u64::from(v) * u64::from(TILES) / u64::from(side)) as u32;
+    along(y).min(TILES - 1) * TILES + along(x).min(TILES - 1)
+}
+
+/// Number of tiles of a view.
+#[must_use]
+pub fn tiles() -> usize {
+    (TILES * TILES) as usize
+}
+
+/// Rays of one tile.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Tile {
+    rays: f32,
+    /// Of them, what mask and matte say of the object, and where they differ.
+    mask: f32,
+    matte: f32,
+    differ: f32,
+    /// The conclusion, 0 to 1.
+    trust: f32,
+}
+
+impl Tile {
+    /// The share of rays on which mask and matte differ; `None` where too little is known.
+    fn difference(&self) -> Option<f32> {
+        (self.rays >= LEAST_RAYS).then(|| self.differ / self.rays)
+    }
+
+    /// Whether an outline, the mask's or the matte's, runs through it.
+    fn has_outline(&self) -> bool {
+        let mixed = |part: f32| (BOTH..1.0 - BOTH).contains(&(part / self.rays));
+        mixed(self.mask) || mixed(self.matte) || mixed(self.differ)
+    }
+}
+
+/// How far mask and matte agree, tile by tile of every view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Agreement {
-    /// Per view: intersection, union, in rays.
-    sums: Vec<[f32; 2]>,
-    trust: Vec<f32>,
+    /// `[views * tiles]`.
+    tiles: Vec<Tile>,
 }
 
 impl Agreement {
-    /// Nothing known: no view is trusted.
+    /// Nothing known: no mask is trusted.
     #[must_use]
     pub fn new(views: usize) -> Self {
         Self {
-            sums: vec![[0.0; 2]; views],
-            trust: vec![0.0; views],
+            tiles: vec![Tile::default(); views * tiles()],
         }
     }
 
     /// Number of views.
     #[must_use]
     pub fn views(&self) -> usize {
-        self.trust.len()
+        self.tiles.len() / tiles()
     }
 
-    /// A ray of `view` whose own mask says `object` and whose matte is `matte`.
-    pub fn add(&mut self, view: usize, matte: f32, object: bool) {
+    /// A ray through `tile` of `view` whose own mask says `object` and whose matte is `matte`.
+    pub fn add(&mut self, view: usize, tile: u32, matte: f32, object: bool) {
         let mask = f32::from(u8::from(object));
-        self.sums[view][0] += matte.min(mask);
-        self.sums[view][1] += matte.max(mask);
+        let tile = &mut self.tiles[view * tiles() + tile as usize];
+        tile.rays += 1.0;
+        tile.mask += mask;
+        tile.matte += matte;
+        // A soft edge is no difference: masks are hard.
+        tile.differ += f32::from(u8::from(object != (matte > 0.5)));
     }
 
     /// Draws conclusions from the rays so far, and has them count less from now on.
     pub fn update(&mut self) {
-        let overlaps: Vec<Option<f32>> = self
-            .sums
-            .iter()
-            .map(|[both, either]| (*either > 0.0).then(|| both / either))
-            .collect();
-        self.trust = trust(&overlaps);
-        for sum in self.sums.iter_mut().flatten() {
-            *sum *= KEPT;
+        let exact: Vec<Option<f32>> = self.tiles.chunks(tiles()).map(exact_share).collect();
+        // No more than the median view: among masks that are rough on the whole, one that happens to
+        // agree better is not more exact.
+        let mut known: Vec<f32> = exact.iter().flatten().copied().collect();
+        known.sort_by(f32::total_cmp);
+        let median = known.get(known.len() / 2).copied().unwrap_or(0.0);
+        for (tiles, exact) in self.tiles.chunks_mut(tiles()).zip(exact) {
+            let view = exact.map_or(0.0, |share| ramp(share.min(median), SELDOM, OFTEN));
+            for tile in tiles {
+                tile.trust = tile
+                    .difference()
+                    .map_or(0.0, |differ| view * ramp(differ, FAR, NEAR));
+                for sum in [
+                    &mut tile.rays,
+                    &mut tile.mask,
+                    &mut tile.matte,
+                    &mut tile.differ,
+                ] {
+                    *sum *= KEPT;
+                }
+            }
         }
     }
 
-    /// Trust in the mask of `view`, 0 to 1.
+    /// Trust in the mask of `view` in `tile`, 0 to 1.
     #[must_use]
-    pub fn trust(&self, view: usize) -> f32 {
-        self.trust[view]
+    pub fn trust(&self, view: usize, tile: u32) -> f32 {
+        self.tiles[view * tiles() + tile as usize].trust
     }
 
-    /// Everything as one list, for a checkpoint: three numbers a view.
+    /// Everything as one list, for a checkpoint: five numbers a tile.
     #[must_use]
     pub fn values(&self) -> Vec<f32> {
-        let views = self.sums.iter().zip(&self.trust);
-        views.flat_map(|([a, b], c)| [*a, *b, *c]).collect()
+        let tiles = self.tiles.iter();
+        tiles
+            .flat_map(|t| [t.rays, t.mask, t.matte, t.differ, t.trust])
+            .collect()
     }
 
     /// Takes over what [`values`](Self::values) gave; `None` when it is of another number of views.
     #[must_use]
     pub fn from_values(views: usize, values: &[f32]) -> Option<Self> {
-        (values.len() == 3 * views).then(|| Self {
-            sums: values.chunks_exact(3).map(|v| [v[0], v[1]]).collect(),
-            trust: values.chunks_exact(3).map(|v| v[2]).collect(),
+        (values.len() == 5 * views * tiles()).then(|| Self {
+            tiles: values
+                .chunks_exact(5)
+                .map(|v| Tile {
+                    rays: v[0],
+                    mask: v[1],
+                    matte: v[2],
+                    differ: v[3],
+                    trust: v[4],
+                })
+                .collect(),
         })
     }
 }
 
-/// Trust in each view's mask by its overlap with the matte; `None` without a mask.
-///
-/// A view is trusted as far as it agrees, but no more than the median view: among masks that are
-/// rough on the whole, one that happens to agree better is not more precise.
-#[must_use]
-pub fn trust(overlaps: &[Option<f32>]) -> Vec<f32> {
-    let mut known: Vec<f32> = overlaps.iter().flatten().copied().collect();
-    known.sort_by(f32::total_cmp);
-    let median = known.get(known.len() / 2).copied().unwrap_or(0.0);
-    overlaps
+/// Of a view's tiles with outline, the share in which mask and matte agree to a pixel or so; `None`
+/// without any such tile.
+fn exact_share(tiles: &[Tile]) -> Option<f32> {
+    let outline = tiles
         .iter()
-        .map(|overlap| {
-            overlap.map_or(0.0, |overlap| {
-                ((overlap.min(median) - DOUBTED) / (BELIEVED - DOUBTED)).clamp(0.0, 1.0)
-            })
-        })
-        .collect()
+        .filter_map(|tile| Some((tile, tile.difference()?)))
+        .filter(|(tile, _)| tile.has_outline());
+    let (mut all, mut exact) = (0.0, 0.0);
+    for (_, difference) in outline {
+        all += 1.0;
+        exact += f32::from(u8::from(difference <= EXACT));
+    }
+    (all > 0.0).then(|| exact / all)
+}
+
+/// 0 at `from`, 1 at `to`, between in between.
+fn ramp(value: f32, from: f32, to: f32) -> f32 {
+    ((value - from) / (to - from)).clamp(0.0, 1.0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn precise_masks_are_trusted_and_the_wrong_one_among_them_is_not() {
-        let mut agreement = Agreement::new(4);
-        for view in 0..3 {
-            for i in 0..100 {
-                let object = i < 50 || (view == 1 && i < 80);
-                agreement.add(view, f32::from(u8::from(i < 50)), object);
+    /// A view of 240 x 240 pixels, ten to a tile, whose object is a disc; the mask by its own rule.
+    fn look(agreement: &mut Agreement, view: usize, mask: impl Fn(f32, f32) -> bool) {
+        for y in 0..240 {
+            for x in 0..240 {
+                let (u, v) = (x as f32 - 119.5, y as f32 - 119.5);
+                let object = f32::from(u8::from(u.hypot(v) < 60.0));
+                agreement.add(view, tile_of((240, 240), x, y), object, mask(u, v));
             }
         }
-        assert_eq!(agreement.trust(0), 0.0);
+    }
+
+    fn trust(agreement: &Agreement, view: usize, u: i32, v: i32) -> f32 {
+        agreement.trust(
+            view,
+            tile_of((240, 240), (120 + u) as u32, (120 + v) as u32),
+        )
+    }
+
+    #[test]
+    fn an_exact_mask_with_a_leak_is_trusted_but_for_the_leak() {
+        let mut agreement = Agreement::new(2);
+        for view in 0..2 {
+            look(&mut agreement, view, |u, v| {
+                u.hypot(v) < 60.0 || (u > 0.0 && v.abs() < 20.0 && u < 100.0)
+            });
+        }
+        assert_eq!(trust(&agreement, 0, -60, 0), 0.0);
         agreement.update();
-        let trust: Vec<f32> = (0..4).map(|view| agreement.trust(view)).collect();
-        assert_eq!(trust, [1.0, 0.0, 1.0, 0.0]);
-        let back = Agreement::from_values(4, &agreement.values());
+        assert_eq!(trust(&agreement, 0, -60, 0), 1.0);
+        assert_eq!(trust(&agreement, 0, 80, 0), 0.0);
+        let back = Agreement::from_values(2, &agreement.values());
         assert_eq!(back, Some(agreement));
         assert_eq!(Agreement::from_values(3, &[0.0; 12]), None);
     }
 
     #[test]
+    fn masks_that_are_too_small_all_around_are_not_trusted_anywhere() {
+        let mut agreement = Agreement::new(1);
+        look(&mut agreement, 0, |u, v| u.hypot(v) < 55.0);
+        agreement.update();
+        for (u, v) in [(-58, 0), (0, 58), (41, 41), (0, 0)] {
+            assert_eq!(trust(&agreement, 0, u, v), 0.0, "{u} {v}");
+        }
+    }
+
+    #[test]
     fn a_good_mask_among_rough_ones_is_not_trusted() {
-        let found = trust(&[Some(0.8), Some(0.97), Some(0.75), Some(0.82), None]);
-        assert_eq!(found, [0.0; 5]);
+        let mut agreement = Agreement::new(3);
+        look(&mut agreement, 0, |u, v| u.hypot(v) < 60.0);
+        look(&mut agreement, 1, |u, v| u.hypot(v) < 54.0);
+        look(&mut agreement, 2, |u, v| u.hypot(v) < 66.0);
+        agreement.update();
+        assert_eq!(trust(&agreement, 0, -60, 0), 0.0);
+    }
+
+    #[test]
+    fn tiles_are_square_and_cover_every_picture() {
+        assert_eq!(tile_of((960, 540), 959, 539), 13 * TILES + TILES - 1);
+        assert_eq!(tile_of((540, 960), 539, 959), (TILES - 1) * TILES + 13);
+        assert_eq!(tile_of((1, 1), 0, 0), 0);
     }
 }

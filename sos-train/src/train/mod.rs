@@ -217,7 +217,8 @@ impl Trainer {
         let trust: Vec<f32> = batch
             .views
             .iter()
-            .map(|view| self.agreement.trust(*view as usize))
+            .zip(&batch.tiles)
+            .map(|(view, tile)| self.agreement.trust(*view as usize, *tile))
             .collect();
         let loss = step::loss(
             &self.context,
@@ -295,9 +296,11 @@ impl Trainer {
         if config.loss.mask_trusted == 0.0 || self.step < settled {
             return;
         }
-        for ((view, vote), matte) in batch.views.iter().zip(&batch.votes).zip(mattes) {
+        let pixels = batch.views.iter().zip(&batch.tiles);
+        for (((view, tile), vote), matte) in pixels.zip(&batch.votes).zip(mattes) {
             if let Some(vote) = vote {
-                self.agreement.add(*view as usize, *matte, vote.object);
+                self.agreement
+                    .add(*view as usize, *tile, *matte, vote.object);
             }
         }
         if self.step.is_multiple_of(VOTES_EVERY) {

@@ -6,6 +6,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
+use super::agreement::tile_of;
 use crate::prepare::{Label, Prepared, Vote};
 
 /// Rays of one step with what is known about their pixels; all lists `[rays]`.
@@ -17,6 +18,8 @@ pub struct RayBatch {
     pub colours: Vec<f32>,
     /// The view that each ray belongs to.
     pub views: Vec<u32>,
+    /// The [tile](super::agreement::tile_of) of the view.
+    pub tiles: Vec<u32>,
     /// What the pixel is taken for.
     pub labels: Vec<Label>,
     /// What the view's own mask says, where it is believed.
@@ -84,6 +87,7 @@ impl Sampler {
                 Some((
                     ray,
                     number as u32,
+                    tile_of((view.width(), view.height()), x, y),
                     view.photo.get_pixel(x, y).0,
                     outline.label(x, y),
                     outline.vote(x, y),
@@ -92,9 +96,10 @@ impl Sampler {
             })
             .collect();
         let mut batch = RayBatch::default();
-        for (ray, view, colour, label, vote, mask) in drawn {
+        for (ray, view, tile, colour, label, vote, mask) in drawn {
             batch.rays.push(ray);
             batch.views.push(view);
+            batch.tiles.push(tile);
             batch.colours.extend(colour.map(|c| f32::from(c) / 255.0));
             batch.labels.push(label);
             batch.votes.push(vote);
