@@ -111,7 +111,7 @@ pub fn degrade(
             );
             Some(with(truth, &leak))
         }
-        Fault::HalfMissing => (index % 2 == 0).then(|| truth.clone()),
+        Fault::HalfMissing => index.is_multiple_of(2).then(|| truth.clone()),
         Fault::SomeWrong => {
             // Spread over the views, not drawn one by one, so that the share holds for few views too.
             let (before, now) = (index as f64 * share, (index + 1) as f64 * share);
@@ -273,6 +273,7 @@ impl Chance {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::iou::iou;

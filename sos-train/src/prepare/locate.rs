@@ -23,8 +23,8 @@ const FAR_END: f64 = 0.98;
 /// The centre is the point closest to the rays through the masks' centroids; the size comes from
 /// their areas; then every voxel of a cube around it collects the masks' votes, and the box is
 /// where the votes agree, with a margin. Where all views are from much the same side, votes agree
-/// along a cone that is far deeper than any object: [`DepthRange`] cuts it. Cameras stay outside
-/// ([`clear_of_cameras`]).
+/// along a cone that is far deeper than any object: `DepthRange` cuts it. Cameras stay outside
+/// (`clear_of_cameras`).
 ///
 /// # Errors
 /// When no three masks agree on a place.
