@@ -19,6 +19,7 @@ const COLOUR_STEP: f32 = 0.02;
 
 /// What is wrong with masks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Fault {
     /// The outline lies inside the object all around: the share of its pixels nearest to the outline is
     /// lost.

@@ -20,7 +20,7 @@ mod train;
 
 pub use args::{
     AblateArgs, CaptureArgs, Command, CompareArgs, DegradeArgs, DoctorArgs, EvalArgs, ExportArgs,
-    HullArgs, ImportArgs, RenderArgs, ReportArgs, Sos, TrainArgs,
+    HullArgs, ImportArgs, RenderArgs, ReportArgs, SettingArgs, Sos, TrainArgs,
 };
 
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};

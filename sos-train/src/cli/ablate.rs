@@ -3,10 +3,10 @@
 use super::hull::{write_hull, write_masks};
 use super::input::{Plan, mask_source};
 use super::train::{quoted, train_run};
-use super::{AblateArgs, TrainArgs, answer, program};
+use super::{AblateArgs, SettingArgs, TrainArgs, answer, complain, program};
 use crate::ablation::{Ablation, Kind, RIVALS, Row, Scored, Start, TABLE};
 use crate::config::RunRecord;
-use crate::error::{EXIT_OK, InputError};
+use crate::error::{EXIT_OK, InputError, sentence};
 use crate::export::read_log;
 use crate::report::comparison_page;
 use crate::run_folder::{RunError, RunFolder, write_whole};
@@ -38,8 +38,21 @@ pub(super) fn ablate(args: &AblateArgs) -> anyhow::Result<u8> {
     let (quick, slow): (Vec<Row>, Vec<Row>) = rows
         .iter()
         .partition(|row| !matches!(row.kind, Kind::Run { .. }));
-    for row in quick.iter().chain(&slow) {
-        let code = place.make(args, row)?;
+    for row in &quick {
+        place.make(args, row)?;
+    }
+    let mut failed = None;
+    for row in &slow {
+        let code = match place.make(args, row) {
+            Ok(code) => code,
+            // That a part of the method does not do alone is a result as well.
+            Err(error) => {
+                let error = error.context(format!("the row {:?} failed", row.title));
+                complain(&sentence(&error));
+                failed = Some(error);
+                continue;
+            }
+        };
         if code != EXIT_OK {
             let _ = writeln!(
                 std::io::stderr(),
@@ -50,7 +63,7 @@ pub(super) fn ablate(args: &AblateArgs) -> anyhow::Result<u8> {
         }
     }
     place.summarise(args)?;
-    Ok(EXIT_OK)
+    failed.map_or(Ok(EXIT_OK), Err)
 }
 
 /// Where everything is.
@@ -148,11 +161,10 @@ impl Place {
             polarity: args.polarity.filter(|_| start == Start::Masks),
             out: Some(self.out.join(row.name)),
             preset: args.preset,
-            steps: args.steps,
-            downscale: args.downscale,
-            device: args.device.clone(),
-            seed: args.seed,
-            set: args.set.iter().cloned().chain(own).collect(),
+            settings: SettingArgs {
+                set: args.settings.set.iter().cloned().chain(own).collect(),
+                ..args.settings.clone()
+            },
             skip_checks: args.skip_checks,
             quiet: args.quiet,
             ..TrainArgs::default()
@@ -321,10 +333,11 @@ fn settings_of(args: &AblateArgs) -> String {
         words.extend(value.map(|value| format!("--{option} {value}")));
     };
     say("preset", args.preset.map(|preset| preset.to_string()));
-    say("steps", args.steps.map(|n| n.to_string()));
-    say("downscale", args.downscale.map(|n| n.to_string()));
-    say("seed", args.seed.map(|n| n.to_string()));
-    for setting in &args.set {
+    let settings = &args.settings;
+    say("steps", settings.steps.map(|n| n.to_string()));
+    say("downscale", settings.downscale.map(|n| n.to_string()));
+    say("seed", settings.seed.map(|n| n.to_string()));
+    for setting in &settings.set {
         say("set", Some(setting.clone()));
     }
     words.join(" ")

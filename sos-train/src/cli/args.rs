@@ -2,8 +2,9 @@
 
 use crate::config::{MaskPolarity, Preset};
 use crate::discover::hint::{Click, WorldBox};
-use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand};
 use clap_complete::Shell;
+use sos_eval::Fault;
 use std::path::PathBuf;
 
 /// Commands first; the options fit into a line of their own.
@@ -128,21 +129,9 @@ pub struct TrainArgs {
     /// The config.toml of a run to repeat, instead of a preset.
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     pub config: Option<PathBuf>,
-    /// Training steps in all [default: the preset's].
-    #[arg(long, value_name = "N")]
-    pub steps: Option<u32>,
-    /// Train on photos of 1/N of their width and height; results keep the photos' size [default: 1].
-    #[arg(long, value_name = "N")]
-    pub downscale: Option<u32>,
-    /// Where to compute: auto, cpu, ndarray, flex, wgpu or cuda [default: auto].
-    #[arg(long, value_name = "NAME")]
-    pub device: Option<String>,
-    /// Seed of all random draws [default: 1].
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// Change any setting of config.toml, as in loss.mask=0.2; may be repeated.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub set: Vec<String>,
+    /// Over the preset.
+    #[command(flatten)]
+    pub settings: SettingArgs,
     /// Go on with the run in RUN from its last checkpoint.
     #[arg(long, conflicts_with = "force")]
     pub resume: bool,
@@ -164,6 +153,26 @@ pub struct TrainArgs {
     /// Print nothing but errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// Settings of a run, over its preset.
+#[derive(Debug, Clone, Default, Args)]
+pub struct SettingArgs {
+    /// Training steps in all [default: the preset's].
+    #[arg(long, value_name = "N")]
+    pub steps: Option<u32>,
+    /// Train on photos of 1/N of their width and height; results keep the photos' size [default: 1].
+    #[arg(long, value_name = "N")]
+    pub downscale: Option<u32>,
+    /// Where to compute: auto, cpu, ndarray, flex, wgpu or cuda [default: auto].
+    #[arg(long, value_name = "NAME")]
+    pub device: Option<String>,
+    /// Seed of all random draws [default: 1].
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Change any setting of config.toml, as in loss.mask=0.2; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
 }
 
 /// `sos import`.
@@ -363,7 +372,7 @@ pub struct DegradeArgs {
     pub photos: PathBuf,
     /// What is wrong with the masks.
     #[arg(long, value_enum, value_name = "FAULT")]
-    pub fault: MaskFault,
+    pub fault: Fault,
     /// Size of the fault: the share of the object, or of the views, that is wrong.
     #[arg(long, value_name = "SHARE", default_value_t = 0.2, value_parser = share)]
     pub share: f64,
@@ -373,36 +382,6 @@ pub struct DegradeArgs {
     /// Folder for the masks, a PNG per view; it must not exist yet.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-}
-
-/// The faults of `sos degrade`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum MaskFault {
-    /// The outline lies inside the object.
-    Eroded,
-    /// The outline lies outside the object.
-    Dilated,
-    /// An extremity is lost, another one in every view.
-    PartMissing,
-    /// Something beside the object of one colour counts as a part of it.
-    NeighbourIncluded,
-    /// Every second view has no mask.
-    HalfMissing,
-    /// In a share of the views the mask shows something else.
-    SomeWrong,
-}
-
-impl From<MaskFault> for sos_eval::Fault {
-    fn from(fault: MaskFault) -> Self {
-        match fault {
-            MaskFault::Eroded => Self::Eroded,
-            MaskFault::Dilated => Self::Dilated,
-            MaskFault::PartMissing => Self::PartMissing,
-            MaskFault::NeighbourIncluded => Self::NeighbourIncluded,
-            MaskFault::HalfMissing => Self::HalfMissing,
-            MaskFault::SomeWrong => Self::SomeWrong,
-        }
-    }
 }
 
 fn share(text: &str) -> Result<f64, String> {
@@ -438,21 +417,9 @@ pub struct AblateArgs {
     /// Settings all rows start from: quick, default or paper [default: default].
     #[arg(long, value_enum, value_name = "NAME", hide_possible_values = true)]
     pub preset: Option<Preset>,
-    /// Training steps of each run [default: the preset's].
-    #[arg(long, value_name = "N")]
-    pub steps: Option<u32>,
-    /// Train on photos of 1/N of their width and height; results keep the photos' size [default: 1].
-    #[arg(long, value_name = "N")]
-    pub downscale: Option<u32>,
-    /// Where to compute: auto, cpu, ndarray, flex or wgpu [default: auto].
-    #[arg(long, value_name = "NAME")]
-    pub device: Option<String>,
-    /// Seed of all random draws [default: 1].
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// Change any setting of all rows, below a row's own; may be repeated.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub set: Vec<String>,
+    /// Over the preset.
+    #[command(flatten)]
+    pub settings: SettingArgs,
     /// Train even where a check of the scene fails (sos doctor shows them).
     #[arg(long)]
     pub skip_checks: bool,

@@ -9,11 +9,10 @@ pub(super) fn write(args: &DegradeArgs) -> anyhow::Result<()> {
     if args.out.exists() {
         return Err(InputError::new(&args.out, "it exists already", "choose another --out").into());
     }
-    let fault = args.fault.into();
     let count = degrade_folder(
         &args.gt,
         &args.photos,
-        fault,
+        args.fault,
         args.share,
         args.seed,
         &args.out,

@@ -68,19 +68,19 @@ impl Plan {
             Some(record) => record.config.clone(),
             None => TrainConfig::preset(args.preset.unwrap_or_default()),
         };
-        if let Some(steps) = args.steps {
+        if let Some(steps) = args.settings.steps {
             config.steps = steps;
         }
-        if let Some(seed) = args.seed {
+        if let Some(seed) = args.settings.seed {
             config.seed = seed;
         }
-        if let Some(device) = &args.device {
+        if let Some(device) = &args.settings.device {
             config.device.clone_from(device);
         }
-        if let Some(downscale) = args.downscale {
+        if let Some(downscale) = args.settings.downscale {
             config.prepare.downscale = downscale;
         }
-        for assignment in &args.set {
+        for assignment in &args.settings.set {
             config.apply_override(assignment)?;
         }
         config.validate()?;
@@ -262,6 +262,7 @@ pub(super) fn write_demo(out: &Path) -> anyhow::Result<()> {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use super::super::SettingArgs;
     use super::*;
     use crate::config::Preset;
 
@@ -284,13 +285,16 @@ mod tests {
 
         let layered = plan(TrainArgs {
             config: Some(file),
-            steps: Some(9),
-            downscale: Some(2),
-            set: vec![
-                "steps=10".into(),
-                "loss.eikonal=0.1".into(),
-                "loss.eikonal=0.2".into(),
-            ],
+            settings: SettingArgs {
+                steps: Some(9),
+                downscale: Some(2),
+                set: vec![
+                    "steps=10".into(),
+                    "loss.eikonal=0.1".into(),
+                    "loss.eikonal=0.2".into(),
+                ],
+                ..SettingArgs::default()
+            },
             ..TrainArgs::default()
         });
         // The file over its preset, options over the file, --set over options, the last one over all.

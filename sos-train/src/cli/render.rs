@@ -1,6 +1,7 @@
 //! `sos render`: pictures and videos from where no photo was taken.
 
 use super::{RenderArgs, answer};
+use crate::export::check_names;
 use crate::progress::Progress;
 use crate::render::frame::{Frame, draw_object, draw_scene};
 use crate::render::path::{NovelCamera, along_the_photos, of_model, size_like_photos, turntable};
@@ -35,7 +36,11 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<()> {
     let screen = Progress::new(false, 0);
     // Read first: what cannot be read should not be found out after the photos.
     let model = match &args.views {
-        Some(folder) => Some(Scene::read_model(folder)?),
+        Some(folder) => {
+            let model = Scene::read_model(folder)?;
+            check_names(model.views.iter().map(|view| view.name.as_str()))?;
+            Some(model)
+        }
         None => None,
     };
     let (scene, data) = load_trained(&run)?;

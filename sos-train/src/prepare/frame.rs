@@ -1,6 +1,7 @@
 //! The one similarity between the scene's frame and the normalised one.
 
-use glam::{DVec3, Vec3};
+use glam::{Affine3A, DVec3, Mat3A, Vec3, Vec3A};
+use io_colmap::Pose;
 use serde::{Deserialize, Serialize};
 
 /// The object's box in the scene's frame; normalised, it is `[-1, 1]^3`.
@@ -19,6 +20,16 @@ impl Frame {
     #[must_use]
     pub fn normalised_from_world(&self, world: DVec3) -> Vec3 {
         ((world - self.centre) / self.half_side).as_vec3()
+    }
+
+    /// A camera's pose in the normalised frame: the same axes, its centre where it is there.
+    #[must_use]
+    pub fn world_from_camera(&self, camera_from_world: &Pose) -> Affine3A {
+        let rotation = camera_from_world.inverse().rotation;
+        Affine3A {
+            matrix3: Mat3A::from_quat(rotation.as_quat()),
+            translation: Vec3A::from(self.normalised_from_world(camera_from_world.centre())),
+        }
     }
 
     /// Back into the scene's frame.

@@ -1,6 +1,6 @@
 //! A posed photo and its rough mask, as training and rendering use them.
 
-use glam::{Affine3A, DVec3, Mat3A, Vec2, Vec3, Vec3A};
+use glam::{Affine3A, DVec3, Vec2, Vec3};
 use image::{GrayImage, RgbImage};
 use io_colmap::{Camera, MaskSet, Pose, Scene};
 use neus_render::rays::{Projection, Ray};
@@ -88,13 +88,7 @@ impl TrainView {
     /// Pose in the normalised frame.
     #[must_use]
     pub fn world_from_camera(&self, frame: &Frame) -> Affine3A {
-        let inverse = self.camera_from_world.inverse();
-        let rotation = Mat3A::from_quat(inverse.rotation.as_quat());
-        let centre = frame.normalised_from_world(self.camera_from_world.centre());
-        Affine3A {
-            matrix3: rotation,
-            translation: Vec3A::from(centre),
-        }
+        frame.world_from_camera(&self.camera_from_world)
     }
 
     /// The ray through a pixel position, in the normalised frame.

@@ -3,6 +3,7 @@
 
 use crate::prepare::Prepared;
 use crate::prepare::view::Lens;
+use crate::run_folder::view_file;
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
 use io_colmap::{Camera, CameraModel, Model};
 use neus_render::rays::{Projection as _, Ray};
@@ -171,20 +172,14 @@ pub fn along_the_photos(data: &Prepared, count: u32, size: (u32, u32)) -> Vec<No
 pub fn of_model(data: &Prepared, model: &Model) -> Vec<NovelCamera> {
     let cameras = model.views.iter().filter_map(|view| {
         let camera = model.cameras.get(&view.camera_id)?;
-        let inverse = view.camera_from_world.inverse();
-        let name = Path::new(&view.name).with_extension("");
+        // A name from a file never leads out of the folder.
+        let name = view_file(Path::new(""), &view.name, "png").with_extension("");
         Some(NovelCamera {
             name: name.to_string_lossy().into_owned(),
             width: camera.width,
             height: camera.height,
             lens: Lens(camera.clone()),
-            world_from_camera: Affine3A {
-                matrix3: Mat3A::from_quat(inverse.rotation.as_quat()),
-                translation: Vec3A::from(
-                    data.frame
-                        .normalised_from_world(view.camera_from_world.centre()),
-                ),
-            },
+            world_from_camera: data.frame.world_from_camera(&view.camera_from_world),
         })
     });
     cameras.collect()
