@@ -23,7 +23,7 @@ pub enum Checks {
 /// Everything one call of `train::run` needs.
 #[derive(Debug)]
 pub struct TrainJob {
-    /// Checked with [`TrainConfig::validate`].
+    /// Checked with [`TrainConfig::validate`], its steps settled with [`TrainConfig::settled`].
     pub config: TrainConfig,
     /// The scene as the user named it: what was imported, if it was.
     pub given: PathBuf,

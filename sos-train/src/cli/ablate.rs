@@ -177,7 +177,7 @@ impl Place {
         let Some(command) = self.command(args, row) else {
             return Ok(());
         };
-        let wanted = Plan::new(&command)?.config;
+        let mut wanted = Plan::new(&command)?.config;
         if self.state(row) == State::Nothing {
             return Ok(());
         }
@@ -211,6 +211,10 @@ impl Place {
                 "choose another --out",
             )
             .into());
+        }
+        if wanted.steps == 0 {
+            // Left open: the run's record has what suited its scene.
+            wanted.steps = record.config.steps;
         }
         if let Some(other) = record.config.difference(&wanted)? {
             let [there, here] = other.values;

@@ -158,7 +158,7 @@ pub struct TrainArgs {
 /// Settings of a run, over its preset.
 #[derive(Debug, Clone, Default, Args)]
 pub struct SettingArgs {
-    /// Training steps in all [default: the preset's].
+    /// Training steps in all [default: by the preset and the number of pixels].
     #[arg(long, value_name = "N")]
     pub steps: Option<u32>,
     /// Train on photos of 1/N of their width and height; results keep the photos' size [default: 1].

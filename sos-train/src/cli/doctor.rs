@@ -244,7 +244,7 @@ fn measure(
 ) -> Option<Cost> {
     let (points, band) = (&scene.model.points, config.loss.ignore_band);
     let data = prepare_with(views, location.consensus, points, &config.prepare, band).ok()?;
-    estimate::measured(config, &data).ok()
+    estimate::measured(&config.settled(&scene.model), &data).ok()
 }
 
 /// How to go on, with what was said about masks and object.

@@ -5,7 +5,7 @@ use super::import::{Imported, import_for_run, is_ready};
 use super::input::{Plan, Source, generate_demo, mask_folder, owns_scene, record_input};
 use super::{TrainArgs, answer, evaluate, program};
 use crate::audit::Metrics;
-use crate::config::{MaskPolarity, RunRecord};
+use crate::config::{MaskPolarity, RunRecord, TrainConfig};
 use crate::discover::Hint;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK};
 use crate::export::check_names;
@@ -141,6 +141,8 @@ impl Site {
 
 /// Everything opened and checked.
 struct Ready {
+    /// With its steps settled.
+    config: TrainConfig,
     scene_dir: PathBuf,
     masks_dir: Option<PathBuf>,
     polarity: Option<MaskPolarity>,
@@ -190,13 +192,15 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
         polarity,
         imported_from.as_deref(),
     );
-    let config = RunRecord::new(plan.config.clone(), input).to_toml()?;
+    let config = plan.config.settled(&scene.model);
+    let record = RunRecord::new(config.clone(), input).to_toml()?;
     if args.resume || demo {
-        run.write_durably(&run.config_path(), |out| out.write_all(config.as_bytes()))?;
+        run.write_durably(&run.config_path(), |out| out.write_all(record.as_bytes()))?;
     } else {
-        run.set_config(config);
+        run.set_config(record);
     }
     Ok(Ready {
+        config,
         scene_dir,
         masks_dir,
         polarity,
@@ -260,7 +264,7 @@ fn start(
     let live = args.view.map(|port| show(port, &ready.run, &interrupt));
     let (live, _server) = live.transpose()?.unzip();
     crate::train::run(&TrainJob {
-        config: plan.config,
+        config: ready.config,
         given,
         // A run that goes on was let in once.
         checks: if args.skip_checks || args.resume {

@@ -34,7 +34,7 @@ impl TrainConfig {
         let (model, loss, schedule) = (&self.model, &self.loss, &self.schedule);
         let (sampling, prepare, export) = (&self.sampling, &self.prepare, &self.export);
         for (key, value, least, most) in [
-            ("steps", self.steps, 1, 10_000_000),
+            ("steps", self.steps, 0, 10_000_000),
             ("model.levels", model.levels, 0, 32),
             ("model.base_resolution", model.base_resolution, 2, 4096),
             (
@@ -55,6 +55,7 @@ impl TrainConfig {
             ),
             ("schedule.first_levels", schedule.first_levels, 1, 32),
             ("sampling.rays", sampling.rays, 1, 1 << 20),
+            ("sampling.most_rays", sampling.most_rays, 1, 1 << 20),
             (
                 "sampling.target_samples",
                 sampling.target_samples,

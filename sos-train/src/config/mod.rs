@@ -40,13 +40,20 @@ use serde::{Deserialize, Serialize};
 /// Devices by the name a user gives them.
 pub const DEVICES: [&str; 6] = ["auto", "cpu", "ndarray", "flex", "wgpu", "cuda"];
 
+/// Steps of a run on next to no pixels, where they are not stated.
+const LEAST_STEPS: u32 = 3500;
+/// Steps of a run on many pixels.
+const MOST_STEPS: u32 = 8000;
+/// Pixels that are worth one step more.
+const PIXELS_A_STEP: u64 = 2000;
+
 /// The whole configuration of a run. `Default` is [`Preset::Default`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
     /// The preset everything else started from.
     pub preset: Preset,
-    /// Training steps in all.
+    /// Training steps in all; 0: by the number of pixels, see [`TrainConfig::settled`].
     pub steps: u32,
     /// Seed of every random draw; a seed and a configuration determine a run.
     pub seed: u64,
@@ -106,6 +113,27 @@ impl TrainConfig {
     pub fn apply_override(&mut self, assignment: &str) -> Result<(), ConfigError> {
         *self = overlay::assign(self, assignment)?;
         Ok(())
+    }
+
+    /// With the number of steps that suits the scene, where it is left open: a few pixels are learnt
+    /// in fewer steps than many (docs/decisions.md, "How long to train").
+    #[must_use]
+    pub fn settled(&self, model: &io_colmap::Model) -> Self {
+        let shrink = u64::from(self.prepare.downscale.max(1)).pow(2);
+        let pixels: u64 = model
+            .views
+            .iter()
+            .filter_map(|view| model.cameras.get(&view.camera_id))
+            .map(|camera| u64::from(camera.width) * u64::from(camera.height) / shrink)
+            .sum();
+        let more = u32::try_from(pixels / PIXELS_A_STEP).unwrap_or(MOST_STEPS);
+        Self {
+            steps: match self.steps {
+                0 => LEAST_STEPS.saturating_add(more).min(MOST_STEPS),
+                stated => stated,
+            },
+            ..self.clone()
+        }
     }
 
     /// The first setting, by name, whose value is another one in `other`; where both compute is none

@@ -41,7 +41,7 @@ pub(super) fn values(preset: Preset) -> TrainConfig {
 fn default() -> TrainConfig {
     TrainConfig {
         preset: Preset::Default,
-        steps: 8000,
+        steps: 0,
         seed: 1,
         device: "auto".to_owned(),
         model: ModelConfig {
@@ -99,6 +99,7 @@ fn default() -> TrainConfig {
         },
         sampling: SamplingConfig {
             rays: 512,
+            most_rays: 1 << 14,
             target_samples: 1 << 13,
             object_steps: 128,
             background_samples: 32,

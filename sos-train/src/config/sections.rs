@@ -211,6 +211,8 @@ pub struct ScheduleConfig {
 pub struct SamplingConfig {
     /// Rays of the first step; later ones follow `target_samples`.
     pub rays: u32,
+    /// Rays that no step exceeds.
+    pub most_rays: u32,
     /// Samples of both fields a step aims for.
     pub target_samples: u32,
     /// Marching steps across the object's box.

@@ -41,6 +41,8 @@ const STRIDE: u32 = 2;
 /// Steps that the whole scene is learnt for, as a share of the run's, and at most.
 const STEP_SHARE: f32 = 0.3;
 const MOST_STEPS: u32 = 2400;
+/// What short runs spend on it, as far as they have as many: with fewer the wrong thing is found.
+const WORTHWHILE_STEPS: u32 = 1500;
 
 /// The object that was found.
 #[derive(Debug)]
@@ -123,7 +125,9 @@ fn search_config(run: &TrainConfig) -> TrainConfig {
     let mut config = TrainConfig::preset(Preset::Default);
     config.seed = run.seed;
     config.device.clone_from(&run.device);
-    config.steps = ((STEP_SHARE * run.steps as f32) as u32).clamp(1, MOST_STEPS);
+    config.steps = ((STEP_SHARE * run.steps as f32) as u32)
+        .clamp(WORTHWHILE_STEPS.min(run.steps), MOST_STEPS)
+        .max(1);
     config.schedule.carve = 1.0;
     config.model.background = Transparency::Density;
     config.loss.mask = 0.0;

@@ -50,6 +50,8 @@ const VOTES_KEPT: f32 = 0.7;
 /// Share of the run after the carving, or after the start, in which FoCoR finds its outline before
 /// masks are compared with it.
 const SETTLING: f32 = 0.1;
+/// Rays of a step at least, however many samples they take.
+const FEWEST_RAYS: f32 = 64.0;
 /// How far `s` may stay below its cap: b by a factor of 2.
 const SHARPNESS_SLACK: f32 = 0.07;
 
@@ -357,7 +359,8 @@ impl Trainer {
         let sampling = &self.context.config.sampling;
         let wanted = self.rays * sampling.target_samples as f32 / samples.max(1) as f32;
         let next = 0.9 * self.rays + 0.1 * wanted.clamp(0.5 * self.rays, 2.0 * self.rays);
-        self.rays = next.clamp(64.0, 16384.0);
+        let most = sampling.most_rays as f32;
+        self.rays = next.clamp(most.min(FEWEST_RAYS), most);
     }
 
     /// FoCoR without gradients, at the current number of levels.

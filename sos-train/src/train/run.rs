@@ -43,6 +43,10 @@ const PROBES: usize = 1024;
 /// # Errors
 /// When the input does not work, the run folder cannot be written, or training diverges.
 pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
+    anyhow::ensure!(
+        job.config.steps > 0,
+        "the job has no number of steps; TrainConfig::settled finds one"
+    );
     let started = Instant::now();
     let progress = Progress::new(job.quiet, job.config.steps).shown_on(job.live.clone());
     let mut log = None;

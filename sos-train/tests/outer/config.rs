@@ -1,5 +1,6 @@
 //! Layers of configuration, and what they say about mistakes.
 
+use io_colmap::{Camera, CameraModel, Model, Pose, View};
 use sos_train::config::{
     AlphaSource, ConfigError, InputRecord, MaskPolarity, Preset, RunRecord, TrainConfig,
 };
@@ -267,4 +268,41 @@ fn the_readme_explains_every_key() {
     for key in TrainConfig::keys().iter().filter(|key| *key != "preset") {
         assert!(readme.contains(&format!("`{key}`")), "{key}");
     }
+}
+
+/// A model whose views share one camera; only sizes matter here.
+fn model(views: u32, (width, height): (u32, u32)) -> Model {
+    let camera = Camera {
+        id: 1,
+        model: CameraModel::SimplePinhole,
+        width,
+        height,
+        params: vec![500.0, f64::from(width) / 2.0, f64::from(height) / 2.0],
+    };
+    let view = |id| View {
+        id,
+        name: format!("{id}.png"),
+        camera_id: 1,
+        camera_from_world: Pose::IDENTITY,
+    };
+    Model {
+        cameras: [(1, camera)].into(),
+        views: (0..views).map(view).collect(),
+        points: Vec::new(),
+    }
+}
+
+#[test]
+fn steps_left_open_follow_the_pixels_and_stated_ones_stay() {
+    let mut config = TrainConfig::default();
+    let steps = |config: &TrainConfig, views, size| config.settled(&model(views, size)).steps;
+    let small = steps(&config, 28, (320, 240));
+    let middle = steps(&config, 28, (400, 300));
+    assert!(small < middle, "{small} {middle}");
+    let large = steps(&config, 48, (640, 480));
+    assert_eq!(large, steps(&config, 400, (4000, 3000)));
+    config.prepare.downscale = 2;
+    assert_eq!(small, steps(&config, 28, (640, 480)));
+    config.steps = 17;
+    assert_eq!(17, steps(&config, 48, (640, 480)));
 }
