@@ -113,6 +113,7 @@ fn default() -> TrainConfig {
             object_threshold: 0.6,
             crop_threshold: 0.5,
             box_margin: 0.15,
+            fit_masks: true,
         },
         export: ExportConfig {
             edge_rays: 8,
@@ -197,8 +198,13 @@ fn paper() -> TrainConfig {
             carve: 0.0,
             ..base.schedule
         },
+        prepare: PrepareConfig {
+            fit_masks: false,
+            ..base.prepare
+        },
         sampling: SamplingConfig {
             rays: 1024,
+            most_rays: 1024,
             target_samples: 1024 * 64,
             object_steps: 64,
             background_samples: 64,

@@ -241,6 +241,8 @@ pub struct PrepareConfig {
     pub crop_threshold: f32,
     /// What is added around the object on each side, as a share of its size.
     pub box_margin: f32,
+    /// Masks that are too small, or too large, all around are moved to where geometry ends.
+    pub fit_masks: bool,
 }
 
 /// `[export]`: what is written, and how often.

@@ -24,6 +24,7 @@ use scene_decomp::probability::ProbabilityMap;
 use crate::config::{Preset, TrainConfig, Transparency};
 use crate::prepare::error::PrepareError;
 use crate::prepare::outline::{outline, silhouette};
+use crate::prepare::votes::ViewTrust;
 use crate::prepare::{Prepared, TrainView};
 use crate::train::Trainer;
 use crate::train::carve::depth::{DepthPicture, depth_pictures};
@@ -159,8 +160,10 @@ fn search_scene(
             outline(view, &everything, STRIDE, 0.0, 1, &config.prepare)
         })
         .collect();
+    let trust = ViewTrust(vec![0.0; views.len()]);
     Ok(Prepared {
         views,
+        trust,
         frame,
         map,
         outlines,

@@ -5,6 +5,7 @@ mod depth_range;
 pub mod error;
 pub mod frame;
 pub mod locate;
+pub mod mask_shift;
 pub mod outline;
 pub mod view;
 pub mod votes;
@@ -12,6 +13,7 @@ pub mod votes;
 use glam::Vec3;
 use image::GrayImage;
 use io_colmap::SparsePoint;
+use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
 pub use frame::Frame;
@@ -38,6 +40,8 @@ pub struct Prepared {
     pub map: ProbabilityMap,
     /// Labels per view.
     pub outlines: Vec<Outline>,
+    /// How far each view's mask is believed.
+    pub trust: ViewTrust,
     /// Sparse points that the masks take for the object's, in the normalised frame.
     pub points: Vec<Vec3>,
     /// What a user should know about the choices made, a sentence each.
@@ -129,7 +133,6 @@ pub fn prepare_with(
     ignore_band: f32,
 ) -> Result<Prepared, PrepareError> {
     let mut notes = Vec::new();
-    let stride = 2;
     let (frame, map, trust) = if let Some(MaskConsensus { frame, trust, .. }) = consensus {
         let votes = vote_grid(&views, &frame, MAP_RESOLUTION, &trust);
         (frame, ProbabilityMap::new(MAP_RESOLUTION, votes), trust)
@@ -157,18 +160,7 @@ pub fn prepare_with(
         frame.centre.z,
         2.0 * frame.half_side
     ));
-    let silhouettes = silhouettes(&views, &frame, &map, stride);
-    let outlines = views
-        .iter()
-        .zip(&silhouettes)
-        .zip(&trust.0)
-        .map(|((view, silhouette), &trust)| {
-            let area = silhouette.pixels().filter(|p| p.0[0] >= 128).count() as f32;
-            let size = 2.0 * (area / std::f32::consts::PI).sqrt() * stride as f32;
-            let band = (0.5 * ignore_band * size).round().max(1.0) as u32;
-            outline::outline(view, silhouette, stride, trust, band, config)
-        })
-        .collect();
+    let outlines = outlines(&views, &frame, &map, &trust, config, ignore_band);
     let points = points
         .iter()
         .map(|point| frame.normalised_from_world(point.position))
@@ -180,8 +172,63 @@ pub fn prepare_with(
         frame,
         map,
         outlines,
+        trust,
         notes,
     })
+}
+
+impl Prepared {
+    /// Moves the outline of each view's mask by as many pixels, outwards where positive, and has the
+    /// masks vote on space and label the pixels anew. The box stays.
+    pub fn shift_masks(&mut self, shifts: &[f32], config: &PrepareConfig, ignore_band: f32) {
+        if shifts.iter().all(|shift| *shift == 0.0) {
+            return;
+        }
+        self.views
+            .par_iter_mut()
+            .zip(shifts)
+            .filter(|(_, shift)| **shift != 0.0)
+            .for_each(|(view, shift)| {
+                view.mask = view
+                    .mask
+                    .as_ref()
+                    .map(|mask| mask_shift::shifted(mask, *shift));
+            });
+        let votes = vote_grid(&self.views, &self.frame, MAP_RESOLUTION, &self.trust);
+        self.map = ProbabilityMap::new(MAP_RESOLUTION, votes);
+        self.outlines = outlines(
+            &self.views,
+            &self.frame,
+            &self.map,
+            &self.trust,
+            config,
+            ignore_band,
+        );
+    }
+}
+
+/// The labels of all views.
+fn outlines(
+    views: &[TrainView],
+    frame: &Frame,
+    map: &ProbabilityMap,
+    trust: &ViewTrust,
+    config: &PrepareConfig,
+    ignore_band: f32,
+) -> Vec<Outline> {
+    const STRIDE: u32 = 2;
+    let silhouettes = silhouettes(views, frame, map, STRIDE);
+    views
+        .iter()
+        .zip(&silhouettes)
+        .zip(&trust.0)
+        .map(|((view, silhouette), &trust)| {
+            let area = silhouette.pixels().filter(|p| p.0[0] >= 128).count() as f32;
+            let size = 2.0 * (area / std::f32::consts::PI).sqrt() * STRIDE as f32;
+            let band = (0.5 * ignore_band * size).round().max(1.0) as u32;
+            outline::outline(view, silhouette, STRIDE, trust, band, config)
+        })
+        .collect()
 }
 
 fn silhouettes(

@@ -23,7 +23,7 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     let mut config = inputs.config;
     // Pictures are drawn on the CPU, wherever the run was trained.
     "cpu".clone_into(&mut config.device);
-    let data = prepare(
+    let mut data = prepare(
         load_views(&inputs.scene, inputs.masks.as_ref())?,
         &inputs.scene.model.points,
         &config.prepare,
@@ -31,5 +31,9 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     )?;
     let mut trainer = Trainer::new(&config, &data)?;
     trainer.load(run)?;
+    // In pixels of the size that was trained on.
+    let factor = config.prepare.downscale.max(1) as f32;
+    let shifts: Vec<f32> = trainer.mask_shifts().iter().map(|s| factor * s).collect();
+    data.shift_masks(&shifts, &config.prepare, config.loss.ignore_band);
     Ok((trainer.freeze(), data))
 }

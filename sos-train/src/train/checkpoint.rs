@@ -29,6 +29,9 @@ struct Numbers {
     seconds: f64,
     object_adam_step: u32,
     background_adam_step: u32,
+    /// See [`Trainer::mask_shifts`].
+    #[serde(default)]
+    mask_shifts: Vec<f32>,
 }
 
 const FIELDS: &str = "fields.bpk";
@@ -111,6 +114,7 @@ impl Trainer {
             seconds,
             object_adam_step: self.object_adam.steps(),
             background_adam_step: self.background_adam.steps(),
+            mask_shifts: self.mask_shifts.clone(),
         };
         let text = serde_json::to_vec_pretty(&numbers)?;
         fs::write(path(NUMBERS), text).map_err(|e| unwritable(&path(NUMBERS), &e))?;
@@ -192,6 +196,8 @@ impl Trainer {
             })?;
         self.step = numbers.step;
         self.rays = numbers.rays;
+        self.mask_shifts = numbers.mask_shifts;
+        self.mask_shifts.resize(views, 0.0);
         self.rate_scale = numbers.rate_scale;
         Ok(numbers.seconds)
     }

@@ -70,6 +70,8 @@ pub struct Trainer {
     map: ProbabilityMap,
     votes: SurfaceVotes,
     agreement: Agreement,
+    /// By how many pixels each view's mask was moved outwards.
+    mask_shifts: Vec<f32>,
     sampler: Sampler,
     /// Rays whose samples are looked for at once.
     rays_per_task: usize,
@@ -246,6 +248,12 @@ impl Trainer {
             self.descend(loss);
         }
         report
+    }
+
+    /// By how many pixels the outline of each view's mask has been moved outwards since the start.
+    #[must_use]
+    pub fn mask_shifts(&self) -> &[f32] {
+        &self.mask_shifts
     }
 
     /// Where the time of all steps so far has gone.

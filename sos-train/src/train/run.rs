@@ -68,7 +68,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     };
     let (points, sizes) = (&job.scene.model.points, &job.config.prepare);
     let band = job.config.loss.ignore_band;
-    let data = match consensus {
+    let mut data = match consensus {
         Some(consensus) => prepare_with(views, Some(consensus), points, sizes, band)?,
         None => prepare(views, points, sizes, band)?,
     };
@@ -80,6 +80,12 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     let mut earlier_seconds = 0.0;
     if job.resume {
         earlier_seconds = trainer.load(&job.run)?;
+        let config = &job.config;
+        data.shift_masks(
+            trainer.mask_shifts(),
+            &config.prepare,
+            config.loss.ignore_band,
+        );
         log = Some(TrainLog::resume(&job.run, trainer.step_number())?);
     }
     let mut log = match log {
@@ -115,7 +121,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     let outcome = train(
         job,
         &mut trainer,
-        &data,
+        &mut data,
         &mut log,
         &progress,
         earlier_seconds,
@@ -248,7 +254,7 @@ fn at_full_size(data: Prepared, job: &TrainJob) -> Result<Prepared, PrepareError
 fn train(
     job: &TrainJob,
     trainer: &mut Trainer,
-    data: &Prepared,
+    data: &mut Prepared,
     log: &mut TrainLog,
     progress: &Progress,
     earlier_seconds: f64,
@@ -261,6 +267,10 @@ fn train(
     // Time in which the run was paused.
     let mut paused = Duration::ZERO;
     while trainer.step_number() < config.steps {
+        if let Some(note) = trainer.fit_masks(data) {
+            progress.note(&note);
+            log.note(trainer.step_number(), &note)?;
+        }
         let report = trainer.step(data);
         let step = trainer.step_number();
         if trainer.empty_batches() > EMPTY_LIMIT {

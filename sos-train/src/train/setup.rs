@@ -162,6 +162,7 @@ impl Trainer {
             map: scene.map.clone(),
             votes: SurfaceVotes::new(scene.map.resolution()),
             agreement: Agreement::new(scene.views.len()),
+            mask_shifts: vec![0.0; scene.views.len()],
             sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
             step: 0,
             rays: config.sampling.rays as f32,

@@ -3,7 +3,7 @@
 use glam::Vec2;
 use neus_render::rays::Ray;
 
-use crate::prepare::{Prepared, outline};
+use crate::prepare::{Frame, Prepared, TrainView, outline};
 use crate::render::rays::FrozenScene;
 
 /// Distances along the rays of one view, on a raster `stride` pixels apart.
@@ -19,6 +19,13 @@ pub struct DepthPicture {
 }
 
 impl DepthPicture {
+    /// The pixel that a point of the raster stands for.
+    #[must_use]
+    pub fn pixel(&self, i: usize) -> Vec2 {
+        let (x, y) = (i as u32 % self.width, i as u32 / self.width);
+        Vec2::new(x as f32 + 0.5, y as f32 + 0.5) * self.stride as f32
+    }
+
     /// The distance at a pixel.
     #[must_use]
     pub fn at(&self, pixel: Vec2) -> f32 {
@@ -32,37 +39,39 @@ impl DepthPicture {
 /// Where half of each ray's light has come from, for the pixels that may show the object.
 #[must_use]
 pub fn depth_pictures(scene: &FrozenScene, data: &Prepared, stride: u32) -> Vec<DepthPicture> {
+    let limit = (255.0 * scene.config.prepare.hull_threshold * 0.5) as u8;
     data.views
         .iter()
         .map(|view| {
-            let world_from_camera = view.world_from_camera(&data.frame);
-            let (width, height) = (
-                view.width().div_ceil(stride),
-                view.height().div_ceil(stride),
-            );
             let asked = outline::silhouette(view, &data.frame, &data.map, stride).into_raw();
-            let limit = (255.0 * scene.config.prepare.hull_threshold * 0.5) as u8;
-            let mut distances = vec![f32::NAN; (width * height) as usize];
-            let (mut rays, mut at): (Vec<Ray>, Vec<usize>) = (Vec::new(), Vec::new());
-            for i in 0..width * height {
-                if asked[i as usize] < limit {
-                    continue;
-                }
-                let pixel =
-                    Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5) * stride as f32;
-                if let Some(ray) = view.ray(&world_from_camera, pixel) {
-                    rays.push(ray);
-                    at.push(i as usize);
-                }
-            }
-            for (i, distance) in at.into_iter().zip(scene.median_distances(&rays)) {
-                distances[i] = distance;
-            }
-            DepthPicture {
-                stride,
-                width,
-                distances,
-            }
+            depth_picture(scene, view, &data.frame, stride, |i| asked[i] >= limit)
         })
         .collect()
+}
+
+/// The same for one view, where `asked` holds for a point of the raster, row-major.
+#[must_use]
+pub fn depth_picture(
+    scene: &FrozenScene,
+    view: &TrainView,
+    frame: &Frame,
+    stride: u32,
+    asked: impl Fn(usize) -> bool,
+) -> DepthPicture {
+    let world_from_camera = view.world_from_camera(frame);
+    let width = view.width().div_ceil(stride);
+    let points = (width * view.height().div_ceil(stride)) as usize;
+    let mut picture = DepthPicture {
+        stride,
+        width,
+        distances: vec![f32::NAN; points],
+    };
+    let (rays, at): (Vec<Ray>, Vec<usize>) = (0..points)
+        .filter(|&i| asked(i))
+        .filter_map(|i| Some((view.ray(&world_from_camera, picture.pixel(i))?, i)))
+        .unzip();
+    for (i, distance) in at.into_iter().zip(scene.median_distances(&rays)) {
+        picture.distances[i] = distance;
+    }
+    picture
 }

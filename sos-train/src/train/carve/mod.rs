@@ -10,11 +10,14 @@ pub mod depth;
 pub mod distance;
 pub mod fit;
 pub mod fusion;
+pub mod mask_fit;
 
 use scene_decomp::probability::ProbabilityMap;
 
 use super::Trainer;
 use crate::prepare::Prepared;
+use crate::render::rays::FrozenScene;
+use depth::DepthPicture;
 
 /// Rays whose depths are fused, in all views together, at most.
 const RAYS: usize = 300_000;
@@ -27,9 +30,7 @@ impl Trainer {
         let mut scene = self.freeze();
         // As it was a step ago, with all space BaCo's.
         scene.step = self.step - 1;
-        let pixels: usize = data.outlines.iter().map(|o| o.candidates.len()).sum();
-        let stride = (pixels as f32 / RAYS as f32).sqrt().ceil().max(1.0) as u32;
-        let depths = depth::depth_pictures(&scene, data, stride);
+        let depths = depths(&scene, data);
         drop(scene);
         self.map = self.votes.map(&data.map);
         let resolution = self.map.resolution();
@@ -54,4 +55,11 @@ impl Trainer {
         self.fit_object(data, &shape);
         self.grids.allow(&self.map, crop);
     }
+}
+
+/// Depths of all views, as densely as [`RAYS`] allows.
+fn depths(scene: &FrozenScene, data: &Prepared) -> Vec<DepthPicture> {
+    let pixels: usize = data.outlines.iter().map(|o| o.candidates.len()).sum();
+    let stride = (pixels as f32 / RAYS as f32).sqrt().ceil().max(1.0) as u32;
+    depth::depth_pictures(scene, data, stride)
 }
