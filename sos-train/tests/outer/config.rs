@@ -238,6 +238,37 @@ fn mistakes_in_a_file_are_one_sentence() {
 }
 
 #[test]
+fn errors_in_a_file_name_the_line_and_what_was_meant() {
+    for (text, says) in [
+        (
+            "seed = 2\nstesp = 7\n",
+            "line 2: there is no setting \"stesp\"; did you mean steps?",
+        ),
+        (
+            "# loss.mask\n[model]\n\n[loss]\nmask = 0.1\nmosk = 1\n",
+            "line 6: there is no setting \"loss.mosk\"; did you mean loss.mask?",
+        ),
+        (
+            "loss.colour = \"l3\"\n",
+            "line 1: loss.colour = \"l3\" cannot be used: it can be l2, huber, l1; did you mean l2?",
+        ),
+        (
+            "[model]\nhidden = 64\nfields = \"objct\"",
+            "line 3: model.fields = \"objct\" cannot be used: it can be both, object, semantic; did you mean object?",
+        ),
+        (
+            "steps = 3\npreset = \"quik\"",
+            "line 2: preset = \"quik\" cannot be used: it can be quick, default, paper; did you mean quick?",
+        ),
+        ("\n[export]\nedge_rays = -3\n", "line 3: export.edge_rays"),
+        ("steps = 10000001\n", "line 1: steps"),
+    ] {
+        let error = RunRecord::from_toml(text).unwrap_err().to_string();
+        assert!(error.starts_with(says), "{error}");
+    }
+}
+
+#[test]
 fn what_a_checkpoint_has_built_in_cannot_change() {
     let saved = TrainConfig::default();
     for given in ["model.levels=8", "seed=3", "prepare.box_margin=0.3"] {
@@ -266,36 +297,5 @@ fn the_readme_explains_every_key() {
     let readme = include_str!("../../README.md");
     for key in TrainConfig::keys().iter().filter(|key| *key != "preset") {
         assert!(readme.contains(&format!("`{key}`")), "{key}");
-    }
-}
-
-#[test]
-fn errors_in_a_file_name_the_line_and_what_was_meant() {
-    for (text, says) in [
-        (
-            "seed = 2\nstesp = 7\n",
-            "line 2: there is no setting \"stesp\"; did you mean steps?",
-        ),
-        (
-            "# loss.mask\n[model]\n\n[loss]\nmask = 0.1\nmosk = 1\n",
-            "line 6: there is no setting \"loss.mosk\"; did you mean loss.mask?",
-        ),
-        (
-            "loss.colour = \"l3\"\n",
-            "line 1: loss.colour = \"l3\" cannot be used: it can be l2, huber, l1; did you mean l2?",
-        ),
-        (
-            "[model]\nhidden = 64\nfields = \"objct\"",
-            "line 3: model.fields = \"objct\" cannot be used: it can be both, object, semantic; did you mean object?",
-        ),
-        (
-            "steps = 3\npreset = \"quik\"",
-            "line 2: preset = \"quik\" cannot be used: it can be quick, default, paper; did you mean quick?",
-        ),
-        ("\n[export]\nedge_rays = -3\n", "line 3: export.edge_rays"),
-        ("steps = 0\n", "line 1: steps"),
-    ] {
-        let error = RunRecord::from_toml(text).unwrap_err().to_string();
-        assert!(error.starts_with(says), "{error}");
     }
 }
