@@ -6,7 +6,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum DemoError {
     /// A file or folder could not be created, written or renamed.
-    #[error("cannot write {path}")]
+    #[error("cannot write {path}: {source}; choose a folder that can be written to")]
     Write {
         /// The file or folder in question.
         path: PathBuf,
@@ -24,6 +24,6 @@ pub enum DemoError {
         source: image::ImageError,
     },
     /// The destination exists and is not an empty folder: nothing is ever overwritten.
-    #[error("{0} already exists and is not empty")]
+    #[error("{0} already exists and is not empty; choose a folder that does not exist yet")]
     Occupied(PathBuf),
 }

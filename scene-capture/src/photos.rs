@@ -118,15 +118,22 @@ impl PhotoSet {
     }
 }
 
-/// Whether [`PhotoSet::find`] would find any photo.
+/// Whether [`PhotoSet::find`] would find any photo, or knows what to do about those it cannot read.
 pub(crate) fn has_photos(folder: &Path) -> bool {
     photo_files(folder, &mut Vec::new()).is_ok_and(|(_, files)| !files.is_empty())
+        || !heif_files(folder).is_empty()
+}
+
+/// Photos of phones that have to be converted first.
+fn heif_files(folder: &Path) -> Vec<String> {
+    let mut files = Vec::new();
+    // A folder that cannot be listed has its error elsewhere.
+    let _ = list(folder, "", 0, &HEIF_ENDINGS, &mut files);
+    files
 }
 
 fn too_few(root: &Path, count: usize) -> CaptureError {
-    let mut heif = Vec::new();
-    // The error that is on its way says more than one from looking for its reasons.
-    let _ = list(root, "", 0, &HEIF_ENDINGS, &mut heif);
+    let heif = heif_files(root);
     let what = if count == 0 {
         "it holds no photos (JPEG, PNG, WebP or TIFF)".to_owned()
     } else {

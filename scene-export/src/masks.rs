@@ -10,7 +10,7 @@
 //! | SPIn-NeRF | `images_1/label/NAME.png` | 1: taken out | 0: stays | photos, `sparse/0` |
 //!
 //! All are 8-bit grey, of the photo's size, and hold no values between: these tools threshold
-//! differently. docs/formats-out.md says where each convention is written down.
+//! differently. The pages of docs/formats/out say where each convention is written down.
 
 use crate::draft::Draft;
 use crate::error::ExportError;

@@ -32,6 +32,9 @@ pub enum Format {
 
 use Format as F;
 
+/// A name at most this many edits away is offered for one that is not known.
+const NEAREST: usize = 3;
+
 impl Format {
     /// Every format, in the order in which they are preferred where a folder has several.
     pub const ALL: [Format; 9] = [
@@ -124,8 +127,17 @@ impl FromStr for Format {
             .into_iter()
             .find(|format| format.name() == word)
             .ok_or_else(|| {
-                let names = Format::ALL.map(Format::name).join(", ");
-                format!("no format is called {word:?}; there are {names}")
+                let names = Format::ALL.map(Format::name);
+                let typed = word.to_lowercase();
+                let edits = |name: &&str| strsim::damerau_levenshtein(&typed, name);
+                let near = names.iter().min_by_key(|name| edits(name));
+                let near = near.filter(|name| edits(name) <= NEAREST);
+                let meant = near.map(|name| format!("; did you mean {name}?"));
+                format!(
+                    "no format is called {word:?}{} There are {}",
+                    meant.unwrap_or_else(|| ".".to_owned()),
+                    names.join(", ")
+                )
             })
     }
 }

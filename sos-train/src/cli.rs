@@ -67,7 +67,7 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Capture(args) => capture::capture(args).map(|()| EXIT_OK),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Export(args) => export::export(args).map(|()| EXIT_OK),
-        Command::Render(args) => render::render(args).map(|()| EXIT_OK),
+        Command::Render(args) => render::render(args),
         Command::Eval(args) => evaluate::eval(args).map(|()| EXIT_OK),
         Command::Compare(args) => evaluate::compare(args).map(|()| EXIT_OK),
         Command::Hull(args) => hull::write(args).map(|()| EXIT_OK),

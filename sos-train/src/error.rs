@@ -20,6 +20,24 @@ pub const EXIT_FAILED_CHECK: u8 = 3;
 /// Stopped by Ctrl-C.
 pub const EXIT_INTERRUPTED: u8 = 130;
 
+/// What each exit code says, for the manual.
+pub const EXIT_CODES: [(u8, &str); 5] = [
+    (EXIT_OK, "done"),
+    (
+        EXIT_BAD_INPUT,
+        "the input, the command line or the disk does not allow it: one sentence with the file and the remedy",
+    ),
+    (
+        EXIT_FAILED_CHECK,
+        "sos doctor only: the scene could be read, and a check of it failed",
+    ),
+    (
+        EXIT_INTERRUPTED,
+        "stopped by Ctrl-C, with a checkpoint saved; before training, with nothing kept",
+    ),
+    (EXIT_INTERNAL, "a fault in the program"),
+];
+
 /// A file or folder the user gave is not what it should be.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}: {what}; {remedy}", path.display())]

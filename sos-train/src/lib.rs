@@ -61,3 +61,4 @@ pub mod render;
 pub mod report;
 pub mod run_folder;
 pub mod train;
+mod words;

@@ -2,6 +2,7 @@
 
 use crate::config::{MaskPolarity, Preset};
 use crate::discover::hint::{Click, WorldBox};
+use crate::words::did_you_mean;
 use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand};
 use clap_complete::Shell;
 use sos_eval::Fault;
@@ -88,7 +89,7 @@ pub enum Command {
     /// Print the manual page, or write one for each command.
     #[command(hide = true)]
     Man {
-        /// Folder for the pages of all commands, such as /usr/local/share/man/man1.
+        /// Folder for the pages of all commands, such as /usr/local/share/man/man1 [default: print the first].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
     },
@@ -111,7 +112,7 @@ pub struct TrainArgs {
     /// Without masks: a pixel of a photo that shows the object, VIEW:X,Y [default: what the cameras look at].
     #[arg(long, value_name = "VIEW:X,Y", conflicts_with = "object_box")]
     pub click: Option<Click>,
-    /// Without masks: a box around the object in the scene's frame, X0,Y0,Z0,X1,Y1,Z1.
+    /// Without masks: a box around the object in the scene's frame, X0,Y0,Z0,X1,Y1,Z1 [default: found].
     #[arg(long = "box", value_name = "BOX", allow_hyphen_values = true)]
     pub object_box: Option<WorldBox>,
     /// Folder for the results [default: runs/NAME_OF_SCENE].
@@ -126,7 +127,7 @@ pub struct TrainArgs {
         conflicts_with_all = ["config", "resume"]
     )]
     pub preset: Option<Preset>,
-    /// The config.toml of a run to repeat, instead of a preset.
+    /// The config.toml of a run to repeat, instead of a preset [default: none].
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     pub config: Option<PathBuf>,
     /// Over the preset.
@@ -141,7 +142,7 @@ pub struct TrainArgs {
     /// Train even where a check of the scene fails (sos doctor shows them).
     #[arg(long)]
     pub skip_checks: bool,
-    /// Show the run on a page of this machine, at any port or this one, with buttons to pause and stop it.
+    /// Show the run on a page of this machine, at any port or this one, with buttons to pause and stop it [default: none].
     #[arg(
         long,
         value_name = "PORT",
@@ -170,7 +171,7 @@ pub struct SettingArgs {
     /// Seed of all random draws [default: 1].
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Change any setting of config.toml, as in loss.mask=0.2; may be repeated.
+    /// Change any setting of config.toml, as in loss.mask=0.2; may be repeated [default: none].
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 }
@@ -199,6 +200,9 @@ pub struct ImportArgs {
     /// Colour of the object in the masks: white or black [default: detected].
     #[arg(long, value_enum, value_name = "COLOUR", hide_possible_values = true)]
     pub polarity: Option<MaskPolarity>,
+    /// Print nothing but errors and warnings.
+    #[arg(short, long)]
+    pub quiet: bool,
 }
 
 /// `sos capture`.
@@ -213,12 +217,15 @@ pub struct CaptureArgs {
     /// About how many frames to take from a video; at most 4 a second [default: 120].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(3..))]
     pub frames: Option<u32>,
-    /// Folder of masks that are black where COLMAP must not look, such as around a turntable.
+    /// Folder of masks that are black where COLMAP must not look, such as around a turntable [default: none].
     #[arg(long, value_name = "DIR")]
     pub masks: Option<PathBuf>,
     /// Replace a scene that was captured before.
     #[arg(long)]
     pub force: bool,
+    /// Print nothing but errors and warnings.
+    #[arg(short, long)]
+    pub quiet: bool,
 }
 
 /// `sos doctor`.
@@ -238,13 +245,13 @@ pub struct DoctorArgs {
     /// Without masks: a pixel of a photo that shows the object, VIEW:X,Y [default: what the cameras look at].
     #[arg(long, value_name = "VIEW:X,Y", conflicts_with = "object_box")]
     pub click: Option<Click>,
-    /// Without masks: a box around the object in the scene's frame, X0,Y0,Z0,X1,Y1,Z1.
+    /// Without masks: a box around the object in the scene's frame, X0,Y0,Z0,X1,Y1,Z1 [default: found].
     #[arg(long = "box", value_name = "BOX", allow_hyphen_values = true)]
     pub object_box: Option<WorldBox>,
     /// Settings whose cost is estimated: quick, default or paper [default: default].
     #[arg(long, value_enum, value_name = "NAME", hide_possible_values = true)]
     pub preset: Option<Preset>,
-    /// Also write a page with the scene in 3D and the checks.
+    /// Also write a page with the scene in 3D and the checks [default: none].
     #[arg(long, value_name = "FILE.html")]
     pub html: Option<PathBuf>,
     /// Print one JSON object instead of a table.
@@ -280,6 +287,9 @@ pub struct ExportArgs {
     /// Replace an earlier export.
     #[arg(long)]
     pub force: bool,
+    /// Print nothing but errors and warnings.
+    #[arg(short, long)]
+    pub quiet: bool,
 }
 
 /// `sos render`.
@@ -310,6 +320,9 @@ pub struct RenderArgs {
     /// Replace earlier frames.
     #[arg(long)]
     pub force: bool,
+    /// Print nothing but errors and warnings.
+    #[arg(short, long)]
+    pub quiet: bool,
 }
 
 /// `sos eval`.
@@ -320,7 +333,7 @@ pub struct EvalArgs {
     /// Folder of true mattes, or a scene folder with alpha_gt/ in it.
     #[arg(long, value_name = "DIR")]
     pub gt: PathBuf,
-    /// Folder of the masks the run started from, to be scored beside it.
+    /// Folder of the masks the run started from, to be scored beside it [default: none].
     #[arg(long, value_name = "DIR")]
     pub start: Option<PathBuf>,
     /// Print all scores as JSON instead of a table.
@@ -337,7 +350,7 @@ pub struct CompareArgs {
     /// Folder of true mattes, or a scene folder with alpha_gt/ in it.
     #[arg(long, value_name = "DIR")]
     pub gt: PathBuf,
-    /// Also write a page with every view's mattes side by side.
+    /// Also write a page with every view's mattes side by side [default: none].
     #[arg(long, value_name = "FILE.html")]
     pub page: Option<PathBuf>,
     /// Print all scores as JSON instead of a table.
@@ -411,7 +424,7 @@ pub struct AblateArgs {
     /// Rivals too: the soft visual hull, a radiance field for FoCoR, a semantic field.
     #[arg(long)]
     pub rivals: bool,
-    /// Only this row, as its folder is called; may be repeated.
+    /// Only this row, as its folder is called; may be repeated [default: all of the table].
     #[arg(long, value_name = "ROW", conflicts_with = "rivals", value_parser = row)]
     pub only: Vec<crate::ablation::Row>,
     /// Settings all rows start from: quick, default or paper [default: default].
@@ -431,7 +444,11 @@ pub struct AblateArgs {
 /// A row of the ablation by its name.
 fn row(name: &str) -> Result<crate::ablation::Row, String> {
     let row = crate::ablation::Row::named(name);
-    row.ok_or_else(|| format!("the rows are {}", crate::ablation::Row::names().join(", ")))
+    row.ok_or_else(|| {
+        let names = crate::ablation::Row::names();
+        let near = did_you_mean(name, names.iter().copied());
+        format!("the rows are {}{near}", names.join(", "))
+    })
 }
 
 /// `sos report`.
@@ -439,7 +456,7 @@ fn row(name: &str) -> Result<crate::ablation::Row, String> {
 pub struct ReportArgs {
     /// Run folder.
     pub run: PathBuf,
-    /// Folder of reference mattes, shown beside the run's own.
+    /// Folder of reference mattes, shown beside the run's own [default: none; of the demo its own].
     #[arg(long, value_name = "DIR")]
     pub gt: Option<PathBuf>,
 }

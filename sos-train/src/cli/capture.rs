@@ -27,7 +27,7 @@ pub(super) fn capture(args: &CaptureArgs) -> anyhow::Result<()> {
     let Some(source) = source_without_poses(&args.source) else {
         return Err(nothing_to_capture(&args.source));
     };
-    let progress = Progress::new(false, 0);
+    let progress = Progress::new(args.quiet, 0);
     let screen = Screen::new(&progress);
     let mut options = CaptureOptions {
         masks: args.masks.clone(),
@@ -46,6 +46,9 @@ pub(super) fn capture(args: &CaptureArgs) -> anyhow::Result<()> {
     screen.end_stage();
     if let Some(warning) = &captured.warning {
         progress.warn(warning);
+    }
+    if args.quiet {
+        return Ok(());
     }
     answer(&format!(
         "{}: {} of {} photos have poses; train on it with: {} train {}",

@@ -3,6 +3,7 @@
 use super::capture::source_without_poses;
 use super::import::is_ready;
 use super::input::{coarse_masks_hint, mask_folder, mask_source};
+use super::train::refuse_hints;
 use super::{DoctorArgs, answer, program};
 use crate::config::TrainConfig;
 use crate::discover::Hint;
@@ -109,6 +110,9 @@ impl Patient {
     fn of_colmap(args: &DoctorArgs, source: &MaskSource) -> anyhow::Result<Self> {
         let (scene, missing) = Scene::open_present(&args.scene)?;
         let (folder, _) = mask_folder(source, &args.scene, false);
+        if let Some(dir) = &folder {
+            refuse_hints(args.click.is_some(), args.object_box.is_some(), dir)?;
+        }
         let found = folder
             .as_deref()
             .map(|dir| MaskSet::find(dir, &scene, args.polarity.map(Into::into)))
@@ -187,6 +191,8 @@ impl Patient {
             })
             .transpose()?;
         if masks.is_some() {
+            let dir = &detected.root;
+            refuse_hints(args.click.is_some(), args.object_box.is_some(), dir)?;
             without = Masks::None { offered: None };
         }
         let polarity = written.notes.iter().find(|note| note.contains(" = object"));

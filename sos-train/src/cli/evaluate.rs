@@ -2,6 +2,7 @@
 
 use super::{CompareArgs, EvalArgs, ReportArgs, answer};
 use crate::audit::{Metrics, audit};
+use crate::error::InputError;
 use crate::report::{ReportInputs, comparison_page, write_report};
 use crate::run_folder::{RunFolder, write_whole};
 use sos_eval::{Contender, compare_contenders};
@@ -67,6 +68,10 @@ pub(super) fn compare(args: &CompareArgs) -> anyhow::Result<()> {
 /// Makes a run's report again.
 pub(super) fn report(args: &ReportArgs) -> anyhow::Result<()> {
     let run = RunFolder::open_existing(&args.run)?;
+    if let Some(gt) = args.gt.as_deref().filter(|gt| !gt.is_dir()) {
+        let remedy = "give the folder of the reference mattes, or leave --gt out";
+        return Err(InputError::new(gt, "there is no such folder", remedy).into());
+    }
     make_report(&run, args.gt.as_deref())?;
     answer(&run.report_path().display().to_string());
     Ok(())

@@ -29,6 +29,9 @@ pub(super) fn export(args: &ExportArgs) -> anyhow::Result<()> {
             .clone()
             .unwrap_or_else(|| product.default_folder(&args.run));
         let written = scene_export::export(&args.run, product, &out, &options)?;
+        if args.quiet {
+            continue;
+        }
         for note in &written.notes {
             let _ = writeln!(std::io::stderr(), "{note}");
         }

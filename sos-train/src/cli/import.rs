@@ -20,7 +20,9 @@ pub(super) fn import(args: &ImportArgs) -> anyhow::Result<()> {
         polarity: args.polarity.map(Into::into),
     };
     let say = |text: &str| {
-        let _ = writeln!(std::io::stderr(), "{text}");
+        if !args.quiet {
+            let _ = writeln!(std::io::stderr(), "{text}");
+        }
     };
     let written = opened(&detected, args.images.as_deref(), &say)?.write(&args.out, &options)?;
     for note in &written.notes {
@@ -31,6 +33,9 @@ pub(super) fn import(args: &ImportArgs) -> anyhow::Result<()> {
         && let Some(hint) = coarse_masks_hint(&detected.root)
     {
         say(&hint);
+    }
+    if args.quiet {
+        return Ok(());
     }
     answer(&format!(
         "{}: {} photos with poses, {} masks; train on it with: {} train {}",

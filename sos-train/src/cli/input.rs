@@ -237,7 +237,7 @@ pub(super) fn owns_scene(out: &Path) -> bool {
 
 /// Generates the demo scene into `out`; says so before it takes its time if that cannot be.
 pub(super) fn generate_demo(out: &Path) -> Result<DemoScene, DemoError> {
-    if fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) {
+    if out.is_file() || fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) {
         return Err(DemoError::Occupied(out.to_path_buf()));
     }
     let scene = generate(&DemoConfig::default());

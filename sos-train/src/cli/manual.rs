@@ -2,15 +2,23 @@
 //! own description.
 
 use super::Sos;
+use crate::error::EXIT_CODES;
 use crate::run_folder::{RunError, write_whole};
 use clap::{Command, CommandFactory as _};
 use clap_complete::{Shell, generate};
 use clap_mangen::Man;
-use std::io::Write as _;
+use clap_mangen::roff::{Roff, bold, roman};
+use std::io::{self, Write as _};
 use std::path::Path;
 
 /// The program's name in a shell.
 const NAME: &str = "sos";
+
+/// Which value of a setting is taken.
+const ORDER: &str = "Later ones win: the defaults, then a preset (--preset, or the one that a file names), \
+then the run's own config.toml with --resume or another one with --config, then --steps, --seed, --device \
+and --downscale, then every --set key=value in turn. A file need not name every key; the config.toml of \
+any run has them all.";
 
 /// Prints the script for a shell.
 pub(super) fn completions(shell: Shell) -> anyhow::Result<()> {
@@ -52,15 +60,35 @@ fn write_page(dir: &Path, name: &str, command: Command) -> anyhow::Result<()> {
 }
 
 fn page(command: Command) -> Result<Vec<u8>, RunError> {
+    let has_settings = command.get_arguments().any(|arg| arg.get_id() == "set");
     let mut page = Vec::new();
-    Man::new(command)
-        .render(&mut page)
-        .map_err(|source| RunError::Io {
-            action: "make",
-            path: "the manual page".into(),
-            source,
-        })?;
+    let rendered = Man::new(command).render(&mut page).and_then(|()| {
+        if has_settings {
+            section(&mut page, "SETTINGS", &[("", ORDER)])?;
+        }
+        let codes = EXIT_CODES.map(|(code, what)| (code.to_string(), what));
+        let codes: Vec<(&str, &str)> = codes.iter().map(|(code, what)| (&**code, *what)).collect();
+        section(&mut page, "EXIT STATUS", &codes)
+    });
+    rendered.map_err(|source| RunError::Io {
+        action: "make",
+        path: "the manual page".into(),
+        source,
+    })?;
     Ok(page)
+}
+
+/// A section of paragraphs, each below its tag if it has one.
+fn section(page: &mut Vec<u8>, title: &str, parts: &[(&str, &str)]) -> io::Result<()> {
+    let mut roff = Roff::new();
+    roff.control("SH", [title]);
+    for (tag, text) in parts {
+        if !tag.is_empty() {
+            roff.control("TP", []).text([bold(*tag)]);
+        }
+        roff.text([roman(*text)]);
+    }
+    roff.to_writer(page)
 }
 
 /// A reader that has gone, as in `sos man | head`, is no error.

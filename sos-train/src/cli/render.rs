@@ -1,8 +1,9 @@
 //! `sos render`: pictures and videos from where no photo was taken.
 
 use super::{RenderArgs, answer};
+use crate::error::{EXIT_INTERRUPTED, EXIT_OK, InputError};
 use crate::export::check_names;
-use crate::progress::Progress;
+use crate::progress::{AtInterrupt, Progress, watch_interrupt};
 use crate::render::frame::{Frame, draw_object, draw_scene};
 use crate::render::path::{NovelCamera, along_the_photos, of_model, size_like_photos, turntable};
 use crate::render::rays::FrozenScene;
@@ -11,12 +12,15 @@ use crate::run_folder::RunFolder;
 use glam::Vec3;
 use io_colmap::Scene;
 use scene_export::{Codec, Draft, Existing, ExportError, Ffmpeg, Kind, Picture, Video};
+use std::sync::atomic::Ordering;
 
 /// What the object of a turntable stands before in videos without alpha.
 const PAPER: Vec3 = Vec3::splat(0.92);
 
 /// Renders a turntable, a way along the photos, or what given cameras see.
-pub(super) fn render(args: &RenderArgs) -> anyhow::Result<()> {
+///
+/// The exit code tells whether it was stopped: then nothing is kept.
+pub(super) fn render(args: &RenderArgs) -> anyhow::Result<u8> {
     let run = RunFolder::open_existing(&args.run)?;
     let name = match (&args.views, args.turntable) {
         (Some(_), _) => "views",
@@ -33,12 +37,18 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<()> {
         Existing::Keep
     };
     let draft = Draft::begin(&out, existing)?;
-    let screen = Progress::new(false, 0);
+    let screen = Progress::new(args.quiet, 0);
+    // Without a handler, Ctrl-C ends the program and leaves what it was writing.
+    let interrupt = watch_interrupt(AtInterrupt::LeaveNothing).unwrap_or_default();
     // Read first: what cannot be read should not be found out after the photos.
     let model = match &args.views {
         Some(folder) => {
             let model = Scene::read_model(folder)?;
             check_names(model.views.iter().map(|view| view.name.as_str()))?;
+            if model.views.is_empty() {
+                let remedy = "give one with the views that are to be drawn";
+                return Err(InputError::new(folder, "the model has no views", remedy).into());
+            }
             Some(model)
         }
         None => None,
@@ -46,7 +56,7 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<()> {
     let (scene, data) = load_trained(&run)?;
     let like_photos = size_like_photos(&data, args.size);
     let cameras = match (model, args.turntable, args.path) {
-        (Some(model), ..) => of_model(&data, &model),
+        (Some(model), ..) => of_model(&data, &model)?,
         (None, Some(count), _) => turntable(&data, count, like_photos),
         (None, None, count) => along_the_photos(&data, count.unwrap_or(1), like_photos),
     };
@@ -91,6 +101,9 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<()> {
     }
     let stage = screen.stage("drawing", cameras.len());
     for camera in &cameras {
+        if interrupt.load(Ordering::SeqCst) {
+            return Ok(EXIT_INTERRUPTED);
+        }
         let frame = draw(&scene, camera, args);
         for sequence in &mut sequences {
             sequence.add(camera, &frame, &draft)?;
@@ -111,8 +124,10 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<()> {
         notes.join("\n- ")
     );
     draft.finish(&record)?;
-    answer(&format!("{}: {count} frames", out.display()));
-    Ok(())
+    if !args.quiet {
+        answer(&format!("{}: {count} frames", out.display()));
+    }
+    Ok(EXIT_OK)
 }
 
 fn draw(scene: &FrozenScene, camera: &NovelCamera, args: &RenderArgs) -> Frame {

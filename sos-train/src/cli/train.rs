@@ -7,7 +7,7 @@ use super::{TrainArgs, answer, evaluate, program};
 use crate::audit::Metrics;
 use crate::config::{MaskPolarity, RunRecord, TrainConfig};
 use crate::discover::Hint;
-use crate::error::{EXIT_INTERRUPTED, EXIT_OK};
+use crate::error::{EXIT_INTERRUPTED, EXIT_OK, InputError};
 use crate::export::check_names;
 use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::live::{Live, LiveError, LiveServer};
@@ -22,7 +22,7 @@ use std::sync::atomic::AtomicBool;
 /// Trains, and says where everything is.
 pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
     let (code, run) = train_run(args)?;
-    if code == EXIT_OK {
+    if code == EXIT_OK && !args.quiet {
         answer(&format!(
             "everything is in {}; start with report.html",
             run.display()
@@ -174,6 +174,9 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
         .as_deref()
         .map(|dir| MaskSet::find(dir, &scene, polarity.map(Into::into)))
         .transpose()?;
+    if let Some(dir) = &masks_dir {
+        refuse_hints(args.click.is_some(), args.object_box.is_some(), dir)?;
+    }
     // Notes on scene and masks are left to training, which has more of them.
     if let Some(hint) = hint {
         screen.note(&hint);
@@ -223,6 +226,20 @@ pub(super) fn folder(args: &TrainArgs, path: &Path) -> Result<RunFolder, RunErro
             },
         )
     }
+}
+
+/// Masks say where the object is, and are asked first: a pixel or box beside them would go unheard.
+pub(super) fn refuse_hints(click: bool, object_box: bool, masks: &Path) -> Result<(), InputError> {
+    let option = match (click, object_box) {
+        (true, _) => "--click",
+        (_, true) => "--box",
+        (false, false) => return Ok(()),
+    };
+    Err(InputError::new(
+        masks,
+        format!("these masks say where the object is already, so {option} would say nothing"),
+        format!("leave {option} out, or add --masks none to do without the masks"),
+    ))
 }
 
 /// The run's folder with the demo scene in it.

@@ -2,6 +2,7 @@
 
 use super::overlay::entries;
 use super::{ConfigError, DEVICES, Fields, TrainConfig, Transparency};
+use crate::words::did_you_mean;
 
 /// Settings that a checkpoint has built in: sizes of tables and networks, the box, the random draws.
 const FIXED_ON_RESUME: [&str; 4] = [
@@ -21,7 +22,11 @@ impl TrainConfig {
             return Err(bad(
                 "device",
                 &self.device,
-                format!("the devices are {}", DEVICES.join(", ")),
+                format!(
+                    "the devices are {}{}",
+                    DEVICES.join(", "),
+                    did_you_mean(&self.device, DEVICES)
+                ),
             ));
         }
         if i64::try_from(self.seed).is_err() {

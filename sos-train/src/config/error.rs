@@ -35,6 +35,14 @@ pub enum ConfigError {
         /// What would be right.
         reason: String,
     },
+    /// Any of these, in a file.
+    #[error("line {line}: {error}")]
+    Line {
+        /// Counted from 1.
+        line: usize,
+        /// What is wrong there.
+        error: Box<ConfigError>,
+    },
     /// A setting that a run in progress cannot change.
     #[error(
         "{key} is {saved} in the run to be resumed and cannot become {wanted}; leave it out, or start a new run with --force or another --out"

@@ -1,16 +1,17 @@
 //! Laying values over a configuration: one way for files and for `--set`.
 
 use super::{ConfigError, Difference, TrainConfig};
+use crate::words::{NEAREST, did_you_mean};
 use toml::{Table, Value};
-
-/// Keys at most this many edits away are offered when one is not known.
-const NEAREST: usize = 3;
 
 /// Lays `top` over `base`.
 pub(super) fn lay_over(base: &TrainConfig, top: Table) -> Result<TrainConfig, ConfigError> {
     let mut tree = tree(base)?;
     for (key, value) in flatten(top) {
+        let given = value.to_string();
         set(&mut tree, &key, value)?;
+        // Read after each, so that an error names what is wrong.
+        read(tree.clone()).map_err(|error| of_value(error, &key, &given))?;
     }
     read(tree)
 }
@@ -32,15 +33,33 @@ pub(super) fn assign(base: &TrainConfig, assignment: &str) -> Result<TrainConfig
     }
     let mut tree = tree(base)?;
     set(&mut tree, key, parse(text))?;
-    read(tree).map_err(|error| match error {
-        // The assignment is the only change, so it is what is wrong.
+    read(tree).map_err(|error| of_value(error, key, text))
+}
+
+/// The value that was set last is what is wrong.
+fn of_value(error: ConfigError, key: &str, given: &str) -> ConfigError {
+    match error {
         ConfigError::Syntax { reason } => ConfigError::Value {
             key: key.to_owned(),
-            value: text.to_owned(),
-            reason,
+            value: given.to_owned(),
+            reason: reworded(&reason),
         },
         other => other,
-    })
+    }
+}
+
+/// What a parser says about a word that is none of a list, so that it names the nearest.
+pub(super) fn reworded(reason: &str) -> String {
+    // "unknown variant `bth`, expected one of `both`, `object`"
+    let mut words = reason.split('`').skip(1).step_by(2);
+    match words.next() {
+        Some(given) if reason.starts_with("unknown variant") => {
+            let known: Vec<&str> = words.collect();
+            let near = did_you_mean(given, known.iter().copied());
+            format!("it can be {}{near}", known.join(", "))
+        }
+        _ => reason.to_owned(),
+    }
 }
 
 /// All keys with their sections.

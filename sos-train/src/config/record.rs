@@ -1,6 +1,6 @@
 //! `config.toml` as a run writes it: the configuration, what it was given, what made it.
 
-use super::overlay::one_line;
+use super::overlay::{one_line, reworded};
 use super::{ConfigError, Preset, TrainConfig};
 use crate::discover::hint::{Click, WorldBox};
 use serde::{Deserialize, Serialize};
@@ -132,8 +132,12 @@ impl RunRecord {
     ///
     /// # Errors
     /// [`ConfigError`] for text that is not TOML, unknown keys, and values of the wrong kind or out
-    /// of range.
+    /// of range, with the line where the text has one.
     pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
+        Self::parsed(text).map_err(|error| in_line(error, text))
+    }
+
+    fn parsed(text: &str) -> Result<Self, ConfigError> {
         let mut table = parse(text)?;
         let preset = match table.get("preset") {
             Some(value) => section::<Preset>("preset", value.clone())?,
@@ -176,6 +180,45 @@ fn parse(text: &str) -> Result<Table, ConfigError> {
     })
 }
 
+/// Says in which line the key stands that an error is about; a value may also come from a preset.
+fn in_line(error: ConfigError, text: &str) -> ConfigError {
+    let line = match &error {
+        ConfigError::UnknownKey { key, .. } | ConfigError::Value { key, .. } => line_of(key, text),
+        _ => None,
+    };
+    match line {
+        Some(line) => ConfigError::Line {
+            line,
+            error: Box::new(error),
+        },
+        None => error,
+    }
+}
+
+/// The number of the line that sets a key, or begins a section of that name.
+fn line_of(key: &str, text: &str) -> Option<usize> {
+    let mut section = "";
+    for (number, line) in (1..).zip(text.lines()) {
+        let line = line.trim();
+        let full = if let Some(head) = line.strip_prefix('[') {
+            section = head.split(']').next().unwrap_or_default().trim();
+            section.to_owned()
+        } else {
+            let name = line.split('=').next().unwrap_or_default();
+            let name = name.trim().trim_matches('"');
+            if section.is_empty() {
+                name.to_owned()
+            } else {
+                format!("{section}.{name}")
+            }
+        };
+        if full == key {
+            return Some(number);
+        }
+    }
+    None
+}
+
 fn section<T: serde::de::DeserializeOwned>(key: &str, value: Value) -> Result<T, ConfigError> {
     let shown = match &value {
         Value::Table(_) => "[…]".to_owned(),
@@ -186,7 +229,7 @@ fn section<T: serde::de::DeserializeOwned>(key: &str, value: Value) -> Result<T,
         .map_err(|e: toml::de::Error| ConfigError::Value {
             key: key.to_owned(),
             value: shown,
-            reason: one_line(e.message()),
+            reason: reworded(&one_line(e.message())),
         })
 }
 

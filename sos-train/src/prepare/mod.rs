@@ -82,6 +82,19 @@ impl MaskConsensus {
         })
     }
 
+    /// What to say about masks that are set aside, if there are any.
+    #[must_use]
+    pub fn note(&self, views: &[TrainView]) -> Option<String> {
+        let doubted: Vec<&str> = self.doubted(views).collect();
+        (!doubted.is_empty()).then(|| {
+            format!(
+                "{} masks contradict the others and are set aside: {}",
+                doubted.len(),
+                doubted.join(", ")
+            )
+        })
+    }
+
     /// The names of the views whose masks are set aside.
     fn doubted<'a>(&self, views: &'a [TrainView]) -> impl Iterator<Item = &'a str> {
         views
@@ -107,15 +120,7 @@ pub fn prepare(
     let consensus = masked
         .then(|| MaskConsensus::of(&views, points, config))
         .transpose()?;
-    let doubted = consensus.iter().flat_map(|found| found.doubted(&views));
-    let doubted: Vec<&str> = doubted.collect();
-    let note = (!doubted.is_empty()).then(|| {
-        format!(
-            "{} masks contradict the others and are set aside: {}",
-            doubted.len(),
-            doubted.join(", ")
-        )
-    });
+    let note = consensus.as_ref().and_then(|found| found.note(&views));
     let mut data = prepare_with(views, consensus, points, config, ignore_band)?;
     data.notes.splice(0..0, note);
     Ok(data)

@@ -2,7 +2,7 @@
 
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 use image::{GrayImage, RgbImage};
-use io_colmap::{Camera, MaskSet, Pose, Scene};
+use io_colmap::{Camera, MaskSet, Model, Pose, Scene, View};
 use neus_render::rays::{Projection, Ray};
 use rayon::prelude::*;
 
@@ -102,6 +102,26 @@ impl TrainView {
     }
 }
 
+/// The views at `1 / factor` of their width and height.
+#[must_use]
+pub(crate) fn all_downscaled(views: &[TrainView], factor: u32) -> Vec<TrainView> {
+    let views = views.par_iter();
+    views.map(|view| view.downscaled(factor)).collect()
+}
+
+/// The camera of a view.
+///
+/// # Errors
+/// [`PrepareError::Scene`] where the model lacks it.
+pub(crate) fn camera_of<'a>(model: &'a Model, view: &View) -> Result<&'a Camera, PrepareError> {
+    model.cameras.get(&view.camera_id).ok_or_else(|| {
+        PrepareError::Scene(format!(
+            "{}: the model has no camera {}; export it again",
+            view.name, view.camera_id
+        ))
+    })
+}
+
 /// Reads every registered photo and its mask.
 ///
 /// # Errors
@@ -118,12 +138,7 @@ pub fn load_views(scene: &Scene, masks: Option<&MaskSet>) -> Result<Vec<TrainVie
                 Some(masks) => masks.load(i, photo.width(), photo.height())?,
                 None => None,
             };
-            let camera = scene.model.cameras.get(&view.camera_id).ok_or_else(|| {
-                PrepareError::Scene(format!(
-                    "{}: the model has no camera {}; export it again",
-                    view.name, view.camera_id
-                ))
-            })?;
+            let camera = camera_of(&scene.model, view)?;
             Ok(TrainView {
                 name: view.name.clone(),
                 lens: Lens(camera.scaled_to(photo.width(), photo.height())),

@@ -2,7 +2,8 @@
 //! another model of the scene.
 
 use crate::prepare::Prepared;
-use crate::prepare::view::Lens;
+use crate::prepare::error::PrepareError;
+use crate::prepare::view::{Lens, camera_of};
 use crate::run_folder::view_file;
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
 use io_colmap::{Camera, CameraModel, Model};
@@ -168,13 +169,15 @@ pub fn along_the_photos(data: &Prepared, count: u32, size: (u32, u32)) -> Vec<No
 
 /// The cameras of another model in the scene's own frame, such as of photos that were held back, at their
 /// own sizes.
-#[must_use]
-pub fn of_model(data: &Prepared, model: &Model) -> Vec<NovelCamera> {
-    let cameras = model.views.iter().filter_map(|view| {
-        let camera = model.cameras.get(&view.camera_id)?;
+///
+/// # Errors
+/// [`PrepareError::Scene`] for a view whose camera the model lacks: none is left out in silence.
+pub fn of_model(data: &Prepared, model: &Model) -> Result<Vec<NovelCamera>, PrepareError> {
+    let cameras = model.views.iter().map(|view| {
+        let camera = camera_of(model, view)?;
         // A name from a file never leads out of the folder.
         let name = view_file(Path::new(""), &view.name, "png").with_extension("");
-        Some(NovelCamera {
+        Ok(NovelCamera {
             name: name.to_string_lossy().into_owned(),
             width: camera.width,
             height: camera.height,

@@ -1,8 +1,8 @@
 //! A run's scene as its checkpoint has it, to draw what the run itself did not.
 
 use super::rays::FrozenScene;
-use crate::prepare::view::load_views;
-use crate::prepare::{Prepared, prepare};
+use crate::prepare::view::{all_downscaled, load_views};
+use crate::prepare::{MaskConsensus, Prepared, prepare, prepare_with};
 use crate::report::ReportInputs;
 use crate::run_folder::{RunError, RunFolder};
 use crate::train::Trainer;
@@ -23,17 +23,30 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     let mut config = inputs.config;
     // Pictures are drawn on the CPU, wherever the run was trained.
     "cpu".clone_into(&mut config.device);
-    let mut data = prepare(
-        load_views(&inputs.scene, inputs.masks.as_ref())?,
-        &inputs.scene.model.points,
-        &config.prepare,
-        config.loss.ignore_band,
-    )?;
+    let photos = load_views(&inputs.scene, inputs.masks.as_ref())?;
+    let (points, sizes) = (&inputs.scene.model.points, &config.prepare);
+    // As the run itself did: the box is found with masks as they are, unless it found them itself, and
+    // the tables have the size for photos as they were trained on.
+    let given = photos.iter().filter(|view| view.mask.is_some()).count() > 1
+        && !run.found_masks_dir().is_dir();
+    let consensus = given.then(|| MaskConsensus::of(&photos, points, sizes));
+    let consensus = consensus.transpose()?;
+    let (views, photos) = match sizes.downscale {
+        0 | 1 => (photos, None),
+        factor => (all_downscaled(&photos, factor), Some(photos)),
+    };
+    let band = config.loss.ignore_band;
+    let mut data = match consensus {
+        Some(consensus) => prepare_with(views, Some(consensus), points, sizes, band)?,
+        None => prepare(views, points, sizes, band)?,
+    };
     let mut trainer = Trainer::new(&config, &data)?;
     trainer.load(run)?;
-    // In pixels of the size that was trained on.
-    let factor = config.prepare.downscale.max(1) as f32;
-    let shifts: Vec<f32> = trainer.mask_shifts().iter().map(|s| factor * s).collect();
-    data.shift_masks(&shifts, &config.prepare, config.loss.ignore_band);
+    data.shift_masks(trainer.mask_shifts(), &config.prepare, band);
+    if let Some(photos) = photos {
+        // Labels are of the size that was trained on, and no longer asked for.
+        data.views = photos;
+        data.outlines.clear();
+    }
     Ok((trainer.freeze(), data))
 }

@@ -35,7 +35,7 @@ pub enum RunError {
         path: PathBuf,
     },
     /// There is no run to go on with.
-    #[error("{} holds no run (config.toml is missing); check the path, or start one without --resume", path.display())]
+    #[error("{} holds no run (config.toml is missing); give the folder that sos train wrote", path.display())]
     NoRun {
         /// The folder.
         path: PathBuf,

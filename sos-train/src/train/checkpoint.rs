@@ -143,10 +143,12 @@ impl Trainer {
         let numbers: Numbers =
             serde_json::from_slice(&text).map_err(|e| unusable(path(NUMBERS), &e))?;
         let record = ModuleRecord::load(path(FIELDS)).map_err(|e| unusable(path(FIELDS), &e))?;
-        self.scene = self.scene.clone().load_record(record);
+        let scene = self.scene.clone().try_load_record(record);
+        self.scene = scene.map_err(|e| unusable(path(FIELDS), &e))?;
         let record =
             ModuleRecord::load(path(SHARPNESS)).map_err(|e| unusable(path(SHARPNESS), &e))?;
-        self.sharpness = self.sharpness.clone().load_record(record);
+        let sharpness = self.sharpness.clone().try_load_record(record);
+        self.sharpness = sharpness.map_err(|e| unusable(path(SHARPNESS), &e))?;
         self.optimiser = self
             .optimiser
             .clone()

@@ -18,7 +18,7 @@ use crate::export::{LogRecord, TrainLog, read_log, write_found_mask, write_mesh,
 use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::live::{LiveView, Wish, attend};
 use crate::prepare::error::PrepareError;
-use crate::prepare::view::load_views;
+use crate::prepare::view::{all_downscaled, load_views};
 use crate::prepare::{MaskConsensus, Prepared, TrainView, prepare, prepare_with};
 use crate::progress::{Progress, ProgressState};
 use crate::render::rays::FrozenScene;
@@ -171,12 +171,21 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
     }
     let mut views = load_views(&job.scene, job.masks.as_ref())?;
     let Admission {
-        warnings,
-        consensus,
+        mut warnings,
+        mut consensus,
     } = match job.checks {
         Checks::Make => admit(job, &views, progress)?,
         Checks::Skip => Admission::default(),
     };
+    if consensus.is_none() && views.iter().filter(|view| view.mask.is_some()).count() > 1 {
+        // Of the photos as they are, as the checks have it: a run that goes on needs the same box.
+        let found = MaskConsensus::of(&views, &job.scene.model.points, &job.config.prepare)?;
+        if let Some(note) = found.note(&views) {
+            progress.note(&note);
+            warnings.push(note);
+        }
+        consensus = Some(found);
+    }
     views = downscaled(views, job);
     let with_mask: Vec<usize> = (0..views.len())
         .filter(|&i| views[i].mask.is_some())
@@ -231,10 +240,7 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
 fn downscaled(views: Vec<TrainView>, job: &TrainJob) -> Vec<TrainView> {
     match job.config.prepare.downscale {
         0 | 1 => views,
-        factor => views
-            .par_iter()
-            .map(|view| view.downscaled(factor))
-            .collect(),
+        factor => all_downscaled(&views, factor),
     }
 }
 

@@ -154,7 +154,7 @@ fn a_value_of_the_wrong_kind_is_named() {
         ("steps=1.5", "a whole number is needed"),
         ("steps=-3", "cannot be negative"),
         ("steps=99999999999", "steps = 99999999999"),
-        ("model.alpha=heads", "`head`"),
+        ("model.alpha=heads", "did you mean head?"),
         ("loss.mask=", "a number is needed"),
         ("device=3", "a word is needed"),
         ("preset=paper", "--preset"),
@@ -227,7 +227,7 @@ fn mistakes_in_a_file_are_one_sentence() {
         ("steps = \n", "line 1"),
         ("[loss]\nmosk = 1\n", "loss.mask?"),
         ("[modell]\nlevels = 3\n", "model.levels?"),
-        ("preset = \"huge\"\n", "`quick`"),
+        ("preset = \"huge\"\n", "quick, default, paper"),
         ("steps = \"many\"\n", "a whole number"),
         ("[input]\nscenes = \"x\"\n", "input"),
         ("loss = 3\n", "loss"),
@@ -235,6 +235,37 @@ fn mistakes_in_a_file_are_one_sentence() {
         let error = RunRecord::from_toml(text).unwrap_err().to_string();
         assert!(error.contains(says), "{text:?}: {error}");
         assert!(!error.contains('\n'), "{error}");
+    }
+}
+
+#[test]
+fn errors_in_a_file_name_the_line_and_what_was_meant() {
+    for (text, says) in [
+        (
+            "seed = 2\nstesp = 7\n",
+            "line 2: there is no setting \"stesp\"; did you mean steps?",
+        ),
+        (
+            "# loss.mask\n[model]\n\n[loss]\nmask = 0.1\nmosk = 1\n",
+            "line 6: there is no setting \"loss.mosk\"; did you mean loss.mask?",
+        ),
+        (
+            "loss.colour = \"l3\"\n",
+            "line 1: loss.colour = \"l3\" cannot be used: it can be l2, huber, l1; did you mean l2?",
+        ),
+        (
+            "[model]\nhidden = 64\nfields = \"objct\"",
+            "line 3: model.fields = \"objct\" cannot be used: it can be both, object, semantic; did you mean object?",
+        ),
+        (
+            "steps = 3\npreset = \"quik\"",
+            "line 2: preset = \"quik\" cannot be used: it can be quick, default, paper; did you mean quick?",
+        ),
+        ("\n[export]\nedge_rays = -3\n", "line 3: export.edge_rays"),
+        ("steps = 10000001\n", "line 1: steps"),
+    ] {
+        let error = RunRecord::from_toml(text).unwrap_err().to_string();
+        assert!(error.starts_with(says), "{error}");
     }
 }
 

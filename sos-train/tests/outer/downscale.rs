@@ -56,6 +56,17 @@ fn results_keep_the_size_of_the_photos() {
     assert!(said.contains("prepare.downscale is 3"), "{said}");
     let (code, said) = train(&["--resume", "--steps", "3"]);
     assert_eq!(code, Some(0), "{said}");
+    // Drawn from elsewhere, the run needs tables of the size that it was trained with.
+    let draw = ["render", "run", "--turntable", "1", "--size", "16"];
+    let output = Command::new(env!("CARGO_BIN_EXE_sos"))
+        .args(draw)
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    let frame = run.join("render/turntable/object/0000.png");
+    assert_eq!(image::image_dimensions(frame).unwrap(), (16, 12));
     let (code, said) = train(&["scene", "--force", "--downscale", "0"]);
     assert_eq!(code, Some(2), "{said}");
     assert!(said.contains("prepare.downscale = 0"), "{said}");

@@ -9,6 +9,7 @@ mod capture;
 mod command_line;
 mod config;
 mod doctor;
+mod documents;
 mod downscale;
 mod exports;
 mod fabricated;

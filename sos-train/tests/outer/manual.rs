@@ -59,4 +59,7 @@ fn manual_pages_are_printed_and_written_for_every_command() {
     }
     let page = fs::read_to_string(dir.path().join("man1/sos-train.1")).unwrap();
     assert!(page.contains("skip\\-checks"), "{page}");
+    for part in [".SH SETTINGS", ".SH \"EXIT STATUS\"", "\\fB130\\fR"] {
+        assert!(page.contains(part), "no {part} in {page}");
+    }
 }
