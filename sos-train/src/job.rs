@@ -39,6 +39,8 @@ pub struct TrainJob {
     pub scene: Scene,
     /// What lies in `masks_dir`, found and matched.
     pub masks: Option<MaskSet>,
+    /// Where photos are not to be learned from: people who walk by, a watermark.
+    pub ignored: Option<MaskSet>,
     /// Where the object is, for a run whose masks are fewer than two.
     pub hint: Hint,
     /// Where everything goes.

@@ -32,6 +32,7 @@
 //!     scene: "/photos/cat".into(),
 //!     masks: None,
 //!     polarity: None,
+//!     ignore: None,
 //!     out: "/runs/cat".into(),
 //!     demo: false,
 //!     imported_from: None,

@@ -103,6 +103,9 @@ pub struct TrainArgs {
     /// Folder with a rough mask per photo, COCO JSON file, "alpha" or "none" [default: SCENE/masks if there].
     #[arg(long, value_name = "PATH")]
     pub masks: Option<PathBuf>,
+    /// Folder of pictures, white where a photo is not to be learned from: passers-by [default: SCENE/ignore if there].
+    #[arg(long, value_name = "DIR")]
+    pub ignore: Option<PathBuf>,
     /// The object's number in masks that hold several [default: plain masks].
     #[arg(long, value_name = "N")]
     pub label: Option<u32>,
@@ -236,6 +239,9 @@ pub struct DoctorArgs {
     /// Folder with a rough mask per photo, COCO JSON file, "alpha" or "none" [default: SCENE/masks if there].
     #[arg(long, value_name = "PATH")]
     pub masks: Option<PathBuf>,
+    /// Folder of pictures, white where a photo is not to be learned from: passers-by [default: SCENE/ignore if there].
+    #[arg(long, value_name = "DIR")]
+    pub ignore: Option<PathBuf>,
     /// The object's number in masks that hold several [default: plain masks].
     #[arg(long, value_name = "N")]
     pub label: Option<u32>,

@@ -2,14 +2,14 @@
 
 use super::capture::source_without_poses;
 use super::import::is_ready;
-use super::input::{coarse_masks_hint, mask_folder, mask_source};
+use super::input::{coarse_masks_hint, ignore_folder, mask_folder, mask_source};
 use super::train::refuse_hints;
 use super::{DoctorArgs, answer, program};
 use crate::config::TrainConfig;
 use crate::discover::Hint;
 use crate::doctor::{Location, estimate};
 use crate::error::{EXIT_FAILED_CHECK, EXIT_OK, InputError, sentence};
-use crate::prepare::view::load_views;
+use crate::prepare::view::{find_ignored, load_ignored, load_views};
 use crate::prepare::{TrainView, prepare_with};
 use crate::run_folder::{RunError, write_whole};
 use io_colmap::{ColmapError, MaskSet, Scene};
@@ -25,7 +25,10 @@ use tempfile::TempDir;
 pub(super) fn doctor(args: &DoctorArgs) -> anyhow::Result<u8> {
     let config = TrainConfig::preset(args.preset.unwrap_or_default());
     let patient = Patient::open(args)?;
-    let views = load_views(&patient.scene, patient.masks.as_ref())?;
+    let mut views = load_views(&patient.scene, patient.masks.as_ref())?;
+    if let Some(dir) = args.ignore.clone().or_else(|| ignore_folder(&args.scene)) {
+        load_ignored(&mut views, &find_ignored(&dir, &patient.scene)?)?;
+    }
     let points = &patient.scene.model.points;
     let hint = match (&args.click, args.object_box) {
         (Some(click), _) => Hint::Click(click.clone()),
@@ -259,6 +262,9 @@ fn train_command(args: &DoctorArgs) -> String {
     let mut add = |option: &str, value: String| words.push_str(&format!(" {option} {value}"));
     if let Some(masks) = &args.masks {
         add("--masks", super::train::quoted(masks));
+    }
+    if let Some(ignore) = &args.ignore {
+        add("--ignore", super::train::quoted(ignore));
     }
     if let Some(label) = args.label {
         add("--label", label.to_string());

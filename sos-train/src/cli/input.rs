@@ -29,6 +29,8 @@ pub(super) struct Plan {
     pub(super) imported_from: Option<PathBuf>,
     pub(super) click: Option<Click>,
     pub(super) object_box: Option<WorldBox>,
+    /// Where photos are not to be learned from.
+    pub(super) ignore: Option<PathBuf>,
     pub(super) out: PathBuf,
 }
 
@@ -113,6 +115,12 @@ impl Plan {
             },
             (None, _) => MaskSource::Look,
         };
+        let ignore = match (&args.ignore, &recorded, &source) {
+            (Some(dir), ..) => Some(dir.clone()),
+            (None, Some(input), _) => input.ignore.clone(),
+            (None, None, Source::Folder(scene)) => ignore_folder(scene),
+            (None, None, Source::Demo) => None,
+        };
         let hints = recorded
             .as_ref()
             .filter(|_| args.click.is_none() && args.object_box.is_none())
@@ -128,9 +136,15 @@ impl Plan {
             imported_from,
             click: hints.0,
             object_box: hints.1,
+            ignore,
             out,
         })
     }
+}
+
+/// Where a scene says what is not to be learned from, if it does.
+pub(super) fn ignore_folder(scene: &Path) -> Option<PathBuf> {
+    Some(scene.join("ignore")).filter(|dir| dir.is_dir())
 }
 
 /// The folder to take masks from for a COLMAP scene, and what to tell the user about the choice.
@@ -219,6 +233,7 @@ pub(super) fn record_input(
         scene: full(scene),
         masks: masks.map(full),
         polarity,
+        ignore: plan.ignore.as_deref().map(full),
         out: full(&plan.out),
         demo: plan.source == Source::Demo,
         imported_from: imported_from.map(full),

@@ -11,6 +11,7 @@ use crate::error::{EXIT_INTERRUPTED, EXIT_OK, InputError};
 use crate::export::check_names;
 use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::live::{Live, LiveError, LiveServer};
+use crate::prepare::view::find_ignored;
 use crate::progress::{AtInterrupt, Progress, watch_interrupt};
 use crate::run_folder::{Existing, RunError, RunFolder};
 use io_colmap::{MaskSet, Scene};
@@ -148,6 +149,7 @@ struct Ready {
     polarity: Option<MaskPolarity>,
     scene: Scene,
     masks: Option<MaskSet>,
+    ignored: Option<MaskSet>,
     run: RunFolder,
 }
 
@@ -195,6 +197,9 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
         polarity,
         imported_from.as_deref(),
     );
+    let ignore = plan.ignore.clone();
+    let ignored = ignore.as_deref().map(|dir| find_ignored(dir, &scene));
+    let ignored = ignored.transpose()?;
     let config = plan.config.settled(&scene.model);
     let record = RunRecord::new(config.clone(), input).to_toml()?;
     if args.resume || demo {
@@ -209,6 +214,7 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
         polarity,
         scene,
         masks,
+        ignored,
         run,
     })
 }
@@ -294,6 +300,7 @@ fn start(
         polarity: ready.polarity.map(Into::into),
         scene: ready.scene,
         masks: ready.masks,
+        ignored: ready.ignored,
         hint: match (plan.click, plan.object_box) {
             (Some(click), _) => Hint::Click(click),
             (None, Some(object_box)) => Hint::Box(object_box),

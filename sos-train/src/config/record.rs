@@ -46,6 +46,9 @@ pub struct InputRecord {
     /// Polarity as stated by the user; none where it was detected.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub polarity: Option<MaskPolarity>,
+    /// The folder of what is not to be learned from, absolute.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ignore: Option<PathBuf>,
     /// The run's own folder, absolute.
     pub out: PathBuf,
     /// Whether the scene is the built-in demo, which the run generated itself.

@@ -304,6 +304,7 @@ mod tests {
             camera_from_world: world_from_camera.inverse(),
             photo: image::RgbImage::new(64, 48),
             mask: None,
+            ignored: None,
         }
     }
 

@@ -73,7 +73,7 @@ impl Outline {
     #[must_use]
     pub fn vote(&self, x: u32, y: u32) -> Option<Vote> {
         let byte = self.labels[(y * self.width + x) as usize];
-        self.masked.then(|| match Label::from_byte(byte) {
+        (self.masked && byte != IGNORED).then(|| match Label::from_byte(byte) {
             Label::Unknown => Vote {
                 object: byte == UNKNOWN_OBJECT,
                 weight: EDGE_VOTE,
@@ -100,6 +100,8 @@ pub struct Vote {
 const EDGE_VOTE: f32 = 0.1;
 /// [`Label::Unknown`] where the own mask says object.
 const UNKNOWN_OBJECT: u8 = 5;
+/// [`Label::Unknown`] where the photo is not to be learned from.
+const IGNORED: u8 = 6;
 
 /// The largest m^P on each pixel's ray, 8 bit, at a `1 / stride` of the photo's size.
 #[must_use]
@@ -164,6 +166,9 @@ pub fn trust_masks(
             for (x, y, value) in silhouette.enumerate_pixels() {
                 let mx = (x * stride + stride / 2).min(mask.width() - 1);
                 let my = (y * stride + stride / 2).min(mask.height() - 1);
+                if view.ignores(mx, my) {
+                    continue;
+                }
                 let own = mask.get_pixel(mx, my).0[0] >= 128;
                 let others = value.0[0] >= limit;
                 both += u32::from(own && others);
@@ -213,6 +218,10 @@ pub fn outline(
                 (x as f32 + 0.5) / stride as f32,
                 (y as f32 + 0.5) / stride as f32,
             );
+            if view.ignores(x, y) {
+                labels[i] = IGNORED;
+                continue;
+            }
             if hull >= config.hull_threshold {
                 candidates.push(i as u32);
             }

@@ -2,9 +2,10 @@
 
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 use image::{GrayImage, RgbImage};
-use io_colmap::{Camera, MaskSet, Model, Pose, Scene, View};
+use io_colmap::{Camera, ColmapError, MaskSet, Model, Polarity, Pose, Scene, View};
 use neus_render::rays::{Projection, Ray};
 use rayon::prelude::*;
+use std::path::Path;
 
 use super::error::PrepareError;
 use super::frame::Frame;
@@ -36,6 +37,8 @@ pub struct TrainView {
     pub photo: RgbImage,
     /// The rough mask, white is the object, where there is one.
     pub mask: Option<GrayImage>,
+    /// Not black where the photo is not to be learned from, where that was said.
+    pub ignored: Option<GrayImage>,
 }
 
 impl TrainView {
@@ -55,7 +58,22 @@ impl TrainView {
                 .mask
                 .as_ref()
                 .map(|mask| image::imageops::resize(mask, width, height, filter)),
+            // A pixel that holds any of it is out.
+            ignored: self
+                .ignored
+                .as_ref()
+                .map(|ignored| image::imageops::resize(ignored, width, height, filter)),
         }
+    }
+
+    /// Whether a pixel is not to be learned from; those outside are.
+    #[must_use]
+    pub fn ignores(&self, x: u32, y: u32) -> bool {
+        let at = self
+            .ignored
+            .as_ref()
+            .and_then(|all| all.get_pixel_checked(x, y));
+        at.is_some_and(|pixel| pixel.0[0] > 0)
     }
 
     /// Pixels across.
@@ -145,7 +163,31 @@ pub fn load_views(scene: &Scene, masks: Option<&MaskSet>) -> Result<Vec<TrainVie
                 camera_from_world: view.camera_from_world,
                 photo,
                 mask,
+                ignored: None,
             })
         })
         .collect()
+}
+
+/// Reads what is not to be learned from in the photos of [`load_views`].
+///
+/// # Errors
+/// When a picture can't be read or has another shape than its photo.
+pub fn load_ignored(views: &mut [TrainView], ignored: &MaskSet) -> Result<(), PrepareError> {
+    let views = views.par_iter_mut().enumerate();
+    views
+        .map(|(i, view)| {
+            view.ignored = ignored.load(i, view.width(), view.height())?;
+            Ok(())
+        })
+        .collect()
+}
+
+/// Matches the pictures in `dir` to the scene's photos; what is not black in them is not to be learned
+/// from.
+///
+/// # Errors
+/// [`ColmapError::Mask`] where none belongs to a photo, or one cannot be read.
+pub fn find_ignored(dir: &Path, scene: &Scene) -> Result<MaskSet, ColmapError> {
+    MaskSet::find(dir, scene, Some(Polarity::WhiteIsObject))
 }

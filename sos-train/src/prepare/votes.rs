@@ -56,6 +56,9 @@ impl<'a> Electorate<'a> {
             let Some((pixel, _)) = view.project(world) else {
                 continue;
             };
+            if view.ignores(pixel.x as u32, pixel.y as u32) {
+                continue;
+            }
             let value = mask.get_pixel(pixel.x as u32, pixel.y as u32).0[0];
             sum += trust * f32::from(value) / 255.0;
             total += trust;

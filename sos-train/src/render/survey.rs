@@ -91,7 +91,9 @@ impl Survey {
             .zip(&self.views)
             .filter(|(view, coarse)| {
                 view.project(world).is_some_and(|(pixel, _)| {
-                    coarse.shows(point, pixel) && agrees(&view.photo, pixel, colour)
+                    coarse.shows(point, pixel)
+                        && !view.ignores(pixel.x as u32, pixel.y as u32)
+                        && agrees(&view.photo, pixel, colour)
                 })
             })
             .count();

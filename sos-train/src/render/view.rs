@@ -45,9 +45,11 @@ pub fn render_view(
     }
     supersample(scene, &ray_at, &at, width, height, &mut alpha);
 
-    // Colours only where something of the object is, and close by for the plate's seam.
+    // Colours only where something of the object is, and close by for the plate's seam; and where
+    // plates do without what the photo shows.
+    let ignored = |i: u32| view.ignores(i % width, i / width);
     let visible: Vec<u32> = (0..width * height)
-        .filter(|&i| alpha[i as usize] > LEAST_ALPHA)
+        .filter(|&i| alpha[i as usize] > LEAST_ALPHA || ignored(i))
         .collect();
     let (mut hits, mut rays): (Vec<Option<usize>>, _) = (vec![None; pixels], Vec::new());
     for &i in &grown(&visible, width, height, PLATE_REACH) {
@@ -81,7 +83,7 @@ pub fn render_view(
             continue;
         };
         let hit = &rendered[k];
-        let share = reach[i];
+        let share = if ignored(i as u32) { 1.0 } else { reach[i] };
         let plate = photo.lerp(hit.background, share);
         out.background[i] = plate.to_array();
         out.seen[i] = if share > 0.0 {

@@ -18,7 +18,7 @@ use crate::export::{LogRecord, TrainLog, read_log, write_found_mask, write_mesh,
 use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::live::{LiveView, Wish, attend};
 use crate::prepare::error::PrepareError;
-use crate::prepare::view::{all_downscaled, load_views};
+use crate::prepare::view::{all_downscaled, load_ignored, load_views};
 use crate::prepare::{MaskConsensus, Prepared, TrainView, prepare, prepare_with};
 use crate::progress::{Progress, ProgressState};
 use crate::render::rays::FrozenScene;
@@ -57,6 +57,11 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         .chain(job.masks.iter().flat_map(|m| &m.notes))
     {
         progress.note(note);
+    }
+    if let Some(ignored) = &job.ignored {
+        let some = ignored.paths.iter().flatten().count();
+        let photos = if some == 1 { "photo" } else { "photos" };
+        progress.note(&format!("parts of {some} {photos} are not learned from"));
     }
     let Some(MaskedViews {
         views,
@@ -164,12 +169,12 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
     if job.resume && found.is_dir() {
         let masks = MaskSet::find(&found, &job.scene, Some(Polarity::WhiteIsObject))?;
         return Ok(Some(MaskedViews {
-            views: downscaled(load_views(&job.scene, Some(&masks))?, job),
+            views: downscaled(photos(job, Some(&masks))?, job),
             consensus: None,
             notes: Vec::new(),
         }));
     }
-    let mut views = load_views(&job.scene, job.masks.as_ref())?;
+    let mut views = photos(job, job.masks.as_ref())?;
     let Admission {
         mut warnings,
         mut consensus,
@@ -236,6 +241,15 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
     }))
 }
 
+/// The views at their full size.
+fn photos(job: &TrainJob, masks: Option<&MaskSet>) -> Result<Vec<TrainView>, PrepareError> {
+    let mut views = load_views(&job.scene, masks)?;
+    if let Some(ignored) = &job.ignored {
+        load_ignored(&mut views, ignored)?;
+    }
+    Ok(views)
+}
+
 /// The views at the size that is trained on.
 fn downscaled(views: Vec<TrainView>, job: &TrainJob) -> Vec<TrainView> {
     match job.config.prepare.downscale {
@@ -251,7 +265,7 @@ fn at_full_size(data: Prepared, job: &TrainJob) -> Result<Prepared, PrepareError
         return Ok(data);
     }
     Ok(Prepared {
-        views: load_views(&job.scene, None)?,
+        views: photos(job, None)?,
         outlines: Vec::new(),
         ..data
     })

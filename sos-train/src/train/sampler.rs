@@ -80,6 +80,9 @@ impl Sampler {
             .with_min_len(CHUNK)
             .filter_map(|(number, x, y)| {
                 let view = &scene.views[number];
+                if view.ignores(x, y) {
+                    return None;
+                }
                 let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
                 // A pixel that a lens can't unproject (its far corner, say) teaches nothing.
                 let ray = view.ray(&self.poses[number], pixel)?;

@@ -169,7 +169,7 @@ fn settings_are_checked_before_anything_starts() {
             &["loss.mosk", "loss.mask?"][..],
         ),
         (&["train", "--set", "loss.mask"], &["key=value"]),
-        (&["train", "--steps", "0"], &["steps", "1..="]),
+        (&["train", "--steps", "10000001"], &["steps", "0..="]),
         (&["train", "--device", "abacus"], &["abacus", "flex"]),
         (&["train", "--config", "none.toml"], &["none.toml"]),
         (&["train", "--resume"], &["runs/demo", "holds no run"]),

@@ -12,6 +12,7 @@ fn input() -> InputRecord {
         scene: "/photos/a \"quoted\" cat".into(),
         masks: Some("/photos/masks".into()),
         polarity: Some(MaskPolarity::Black),
+        ignore: None,
         out: "/runs/cat".into(),
         demo: false,
         imported_from: None,
@@ -172,7 +173,7 @@ fn a_value_of_the_wrong_kind_is_named() {
 #[test]
 fn values_out_of_range_are_found() {
     for (given, key) in [
-        ("steps=0", "steps"),
+        ("steps=10000001", "steps"),
         ("device=gpu", "device"),
         ("loss.mask_hold=0.9", "loss.mask_end"),
         ("loss.ignore_band=2", "loss.ignore_band"),

@@ -31,6 +31,7 @@ pub(crate) fn run(dir: &Path, demo: bool) -> (&'static DemoScene, RunFolder) {
         scene: scene_dir.clone(),
         masks: Some(scene_dir.join("coarse_masks")),
         polarity: None,
+        ignore: None,
         out: run.root().to_path_buf(),
         demo,
         imported_from: None,

@@ -13,6 +13,7 @@ mod documents;
 mod downscale;
 mod exports;
 mod fabricated;
+mod ignore;
 mod import;
 mod interrupt;
 mod live;

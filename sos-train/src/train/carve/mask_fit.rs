@@ -163,10 +163,11 @@ fn objects(
     let distances = picture.distances.iter().enumerate();
     distances
         .map(|(i, &distance)| {
-            if distance.is_nan() {
+            let pixel = picture.pixel(i);
+            if distance.is_nan() || view.ignores(pixel.x as u32, pixel.y as u32) {
                 return None;
             }
-            let ray = view.ray(&world_from_camera, picture.pixel(i))?;
+            let ray = view.ray(&world_from_camera, pixel)?;
             let point = ray.origin + distance * ray.direction;
             Some(distance.is_finite() && map.at(point) >= threshold)
         })
