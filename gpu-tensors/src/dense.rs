@@ -11,17 +11,8 @@ use burn_cubecl::cubecl;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use crate::points::{BLOCK, PointMatrix, padded};
+use crate::points::{BLOCK, LANES, PointMatrix, QUADS, Quad, padded};
 use crate::tensor::{buffer, fresh, units_for};
-
-/// Four neighbouring numbers.
-pub(crate) type Quad = Vector<f32, Const<4>>;
-
-/// Numbers in a [`Quad`].
-pub(crate) const LANES: usize = 4;
-
-/// [`Quad`]s in a block.
-pub(crate) const QUADS: usize = BLOCK / LANES;
 
 /// A layer's weights as the kernel reads them: a row of all outputs for each input, padded to whole
 /// blocks.

@@ -38,7 +38,7 @@ pub use elementary::{exp_m1, ln_1p, sigmoid, softplus};
 #[cfg(feature = "cube")]
 pub use outer::layer_gradients;
 #[cfg(feature = "cube")]
-pub use points::{BLOCK, PointMatrix, padded};
+pub use points::{BLOCK, LANES, PointMatrix, Quad, padded};
 #[cfg(feature = "cube")]
 pub use sums::column_sums;
 #[cfg(feature = "cube")]

@@ -8,14 +8,13 @@ use burn_cubecl::cubecl;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use crate::dense::{LANES, Quad};
-use crate::points::{BLOCK, PointMatrix, padded};
+use crate::points::{BLOCK, LANES, PointMatrix, Quad, padded};
 use crate::sums::add_rows;
 use crate::tensor::{buffer, fresh, units_for, zeros};
 
 /// Points that one thread adds up by itself: the order of the sum, and so its bits, depend on the
 /// number of points alone.
-const CHUNK: usize = 128;
+const CHUNK: usize = 256;
 
 /// The gradients of a layer `[outputs, inputs]` and its bias: `G X^T` for the gradients `G` of its
 /// outputs and its inputs `X`, whose last row is the bias' input.

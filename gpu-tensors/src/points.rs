@@ -1,5 +1,6 @@
 //! Matrices of values at many points, the way layers of a network want them.
 
+use burn_cubecl::cubecl::prelude::{Const, Vector};
 use burn_cubecl::tensor::CubeTensor;
 
 use crate::tensor::{fresh, zeros};
@@ -7,6 +8,15 @@ use crate::tensor::{fresh, zeros};
 /// Rows and points that one thread works on at once: both sides of [`PointMatrix`] are padded to
 /// multiples of it.
 pub const BLOCK: usize = 8;
+
+/// Four neighbouring numbers, read and written at once.
+pub type Quad = Vector<f32, Const<4>>;
+
+/// Numbers in a [`Quad`].
+pub const LANES: usize = 4;
+
+/// [`Quad`]s in a block.
+pub(crate) const QUADS: usize = BLOCK / LANES;
 
 /// A row for each value and a column for each point: neighbouring threads, which take neighbouring
 /// points, read neighbouring memory.

@@ -2,8 +2,8 @@
 
 use burn::backend::{Cube, TensorMetadata};
 use gpu_tensors::{
-    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, Packed, PointMatrix, buffer, has_native_sum,
-    layer_gradients, padded, units_for, upload,
+    AtomicSum, CompareAndSwap, CubeTensor, LANES, NativeSum, Packed, PointMatrix, buffer,
+    has_native_sum, layer_gradients, padded, units_for, upload,
 };
 use hashgrid::cube::level_words;
 
@@ -145,7 +145,7 @@ impl Saved {
         let d_hidden = layers.hidden.apply(&inputs);
         let d_activation = layers.output_back.apply_to(&d_outputs, across);
         let activation = PointMatrix::fresh(grad, sizes.hidden + 1, stride);
-        let (cubes, dim) = units_for(client, across * sizes.hidden);
+        let (cubes, dim) = units_for(client, across / LANES * sizes.hidden);
         // SAFETY: threads beyond the rows return at once.
         unsafe {
             hidden_kernel::launch_unchecked(
@@ -156,7 +156,7 @@ impl Saved {
                 buffer(&d_activation.data),
                 buffer(&self.w2),
                 buffer(&activation.data),
-                across as u32,
+                (across / LANES) as u32,
                 self.config.beta,
                 sizes,
             );

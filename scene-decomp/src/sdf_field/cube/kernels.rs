@@ -3,8 +3,8 @@
 //! Matrices are [`gpu_tensors::PointMatrix`], `across` their points. With normals, backward's are twice
 //! as wide: beside a point's own column is a second one, of its normal's gradient.
 
-use gpu_tensors::{AtomicSum, cubecl, sigmoid, softplus};
-use hashgrid::cube::{Blend, blend, locate, scatter};
+use gpu_tensors::{AtomicSum, LANES, Quad, cubecl, sigmoid, softplus};
+use hashgrid::cube::{Blend, Pair, blend, locate, pair, scatter};
 
 use cubecl::prelude::*;
 
@@ -36,7 +36,7 @@ impl Sizes {
 #[cube(launch_unchecked)]
 pub(super) fn encode_kernel(
     points: &[f32],
-    table: &[f32],
+    table: &[Pair],
     levels: &[u32],
     x: &mut [f32],
     jacobian: &mut [f32],
@@ -72,16 +72,16 @@ pub(super) fn encode_kernel(
                 sizes.smooth,
             );
             let both = blend(&cell, table);
-            value0 = select(inside, both.value0, 0.0f32);
-            value1 = select(inside, both.value1, 0.0f32);
+            value0 = select(inside, both.value.extract(0usize), 0.0f32);
+            value1 = select(inside, both.value.extract(1usize), 0.0f32);
             if comptime!(sizes.normal) {
                 let at = 6 * level * across + point;
-                jacobian[at] = both.x0;
-                jacobian[at + across] = both.y0;
-                jacobian[at + 2 * across] = both.z0;
-                jacobian[at + 3 * across] = both.x1;
-                jacobian[at + 4 * across] = both.y1;
-                jacobian[at + 5 * across] = both.z1;
+                jacobian[at] = both.x.extract(0usize);
+                jacobian[at + across] = both.y.extract(0usize);
+                jacobian[at + 2 * across] = both.z.extract(0usize);
+                jacobian[at + 3 * across] = both.x.extract(1usize);
+                jacobian[at + 4 * across] = both.y.extract(1usize);
+                jacobian[at + 5 * across] = both.z.extract(1usize);
             }
         }
         let row = (3 + 2 * level) * stride + point;
@@ -92,13 +92,13 @@ pub(super) fn encode_kernel(
 
 /// From the hidden layer to its activation, and to the sdf's derivative by the hidden layer.
 ///
-/// One thread for each point and hidden value.
+/// One thread for each four points and hidden value; `across` counts fours.
 #[cube(launch_unchecked)]
 pub(super) fn activate_kernel(
-    z: &[f32],
+    z: &[Quad],
     w2: &[f32],
-    activation: &mut [f32],
-    derivative: &mut [f32],
+    activation: &mut [Quad],
+    derivative: &mut [Quad],
     across: u32,
     beta: f32,
     #[comptime] sizes: Sizes,
@@ -107,13 +107,21 @@ pub(super) fn activate_kernel(
     let hidden = comptime!(sizes.hidden);
     let j = ABSOLUTE_POS / across;
     if j < hidden {
-        let z = beta * z[ABSOLUTE_POS];
-        activation[ABSOLUTE_POS] = softplus(z) / beta;
+        let z = z[ABSOLUTE_POS];
+        let mut a = Quad::new(0.0f32);
+        let mut u = Quad::new(w2[j]);
+        #[unroll]
+        for lane in 0..LANES {
+            let z = beta * z.extract(lane);
+            a.insert(lane, softplus(z) / beta);
+            u.insert(lane, u.extract(lane) * sigmoid(z));
+        }
+        activation[ABSOLUTE_POS] = a;
         if comptime!(sizes.normal) {
-            derivative[ABSOLUTE_POS] = w2[j] * sigmoid(z);
+            derivative[ABSOLUTE_POS] = u;
         }
         if j == 0 {
-            activation[hidden * across + ABSOLUTE_POS] = 1.0f32;
+            activation[hidden * across + ABSOLUTE_POS] = Quad::new(1.0f32);
         }
     }
 }
@@ -233,13 +241,13 @@ pub(super) fn normals_kernel(
 /// The hidden layer on the way back; see the CPU kernel's backward for the chain rule. `z` becomes its
 /// gradient, and in second columns what it is multiplied with.
 ///
-/// One thread for each point and hidden value.
+/// One thread for each four points and hidden value; `across` counts fours.
 #[cube(launch_unchecked)]
 pub(super) fn hidden_kernel(
-    z: &mut [f32],
-    d_activation: &[f32],
+    z: &mut [Quad],
+    d_activation: &[Quad],
     w2: &[f32],
-    activation: &mut [f32],
+    activation: &mut [Quad],
     across: u32,
     beta: f32,
     #[comptime] sizes: Sizes,
@@ -254,22 +262,28 @@ pub(super) fn hidden_kernel(
             at = 2 * j * across + point;
             one = 2 * hidden * across + point;
         }
-        let scaled = beta * z[at];
-        let slope = sigmoid(scaled);
+        let scaled = Quad::new(beta) * z[at];
+        let mut slope = Quad::new(0.0f32);
+        let mut a = Quad::new(0.0f32);
+        #[unroll]
+        for lane in 0..LANES {
+            slope.insert(lane, sigmoid(scaled.extract(lane)));
+            a.insert(lane, softplus(scaled.extract(lane)) / beta);
+        }
         let mut dz = d_activation[ABSOLUTE_POS] * slope;
-        activation[at] = softplus(scaled) / beta;
+        activation[at] = a;
         if comptime!(sizes.normal) {
             let du = z[at + across];
-            let u = w2[j] * slope;
-            dz += du * u * beta * (1.0f32 - slope);
+            let u = Quad::new(w2[j]) * slope;
+            dz += du * u * Quad::new(beta) * (Quad::new(1.0f32) - slope);
             z[at + across] = u;
             activation[at + across] = du * slope;
         }
         z[at] = dz;
         if j == 0 {
-            activation[one] = 1.0f32;
+            activation[one] = Quad::new(1.0f32);
             if comptime!(sizes.normal) {
-                activation[one + across] = 0.0f32;
+                activation[one + across] = Quad::new(0.0f32);
             }
         }
     }
@@ -305,32 +319,23 @@ pub(super) fn scatter_kernel<A: AtomicSum>(
             sizes.smooth,
         );
         let k = 3 + 2 * level;
+        let zero = Pair::new(0.0f32);
         let mut d = Blend {
-            value0: 0.0f32,
-            value1: 0.0f32,
-            x0: 0.0f32,
-            y0: 0.0f32,
-            z0: 0.0f32,
-            x1: 0.0f32,
-            y1: 0.0f32,
-            z1: 0.0f32,
+            value: zero,
+            x: zero,
+            y: zero,
+            z: zero,
         };
         if comptime!(sizes.normal) {
             let row = 2 * k * across + point;
-            d.value0 = dx[row];
-            d.value1 = dx[row + 2 * across];
-            let (g0, g1) = (scale * dx[row + across], scale * dx[row + 3 * across]);
+            d.value = pair(dx[row], dx[row + 2 * across]);
+            let g = Pair::new(scale) * pair(dx[row + across], dx[row + 3 * across]);
             let at = p * comptime!(sizes.outputs + 3) + comptime!(sizes.outputs);
-            let (nx, ny, nz) = (grad[at], grad[at + 1], grad[at + 2]);
-            d.x0 = g0 * nx;
-            d.y0 = g0 * ny;
-            d.z0 = g0 * nz;
-            d.x1 = g1 * nx;
-            d.y1 = g1 * ny;
-            d.z1 = g1 * nz;
+            d.x = g * Pair::new(grad[at]);
+            d.y = g * Pair::new(grad[at + 1]);
+            d.z = g * Pair::new(grad[at + 2]);
         } else {
-            d.value0 = dx[k * across + point];
-            d.value1 = dx[(k + 1) * across + point];
+            d.value = pair(dx[k * across + point], dx[(k + 1) * across + point]);
         }
         scatter::<A>(table, &cell, &d);
     }

@@ -8,7 +8,8 @@ mod kernels;
 
 use burn::backend::{Cube, TensorMetadata, tensor::FloatTensor};
 use gpu_tensors::{
-    CubeTensor, Packed, PointMatrix, buffer, contiguous, fresh, padded, units_for, upload, zeros,
+    CubeTensor, LANES, Packed, PointMatrix, buffer, contiguous, fresh, padded, units_for, upload,
+    zeros,
 };
 use hashgrid::cube::{is_smooth, level_words};
 
@@ -140,7 +141,7 @@ impl Saved {
         let rows = if sizes.normal { sizes.hidden } else { 1 };
         let derivative = PointMatrix::fresh(&z.data, rows, z.points);
         let client = &z.data.client;
-        let (cubes, dim) = units_for(client, z.points * sizes.hidden);
+        let (cubes, dim) = units_for(client, z.points / LANES * sizes.hidden);
         // SAFETY: threads beyond the rows return at once.
         unsafe {
             activate_kernel::launch_unchecked(
@@ -151,7 +152,7 @@ impl Saved {
                 buffer(&self.w2),
                 buffer(&activation.data),
                 buffer(&derivative.data),
-                z.points as u32,
+                (z.points / LANES) as u32,
                 self.config.beta,
                 sizes,
             );
