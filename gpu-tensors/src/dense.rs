@@ -72,15 +72,46 @@ impl Packed {
     #[must_use]
     pub fn apply_to(&self, x: &PointMatrix, points: usize) -> PointMatrix {
         let y = PointMatrix::fresh(&x.data, self.outputs, points);
-        self.launch(x, &y, None, Activation::Linear);
+        self.launch(x, &y, None, Activation::Linear, self.all());
         y
+    }
+
+    /// The same where all rows of `x` from `inputs` on are zero, but the bias'.
+    #[must_use]
+    pub fn apply_first(&self, x: &PointMatrix, inputs: usize) -> PointMatrix {
+        let y = PointMatrix::fresh(&x.data, self.outputs, x.points);
+        let used = Used {
+            inputs,
+            ..self.all()
+        };
+        self.launch(x, &y, None, Activation::Linear, used);
+        y
+    }
+
+    /// The first `outputs` of the layer; what the other rows hold is arbitrary.
+    #[must_use]
+    pub fn first_outputs(&self, x: &PointMatrix, outputs: usize) -> PointMatrix {
+        let y = PointMatrix::fresh(&x.data, self.outputs, x.points);
+        let used = Used {
+            outputs,
+            ..self.all()
+        };
+        self.launch(x, &y, None, Activation::Linear, used);
+        y
+    }
+
+    fn all(&self) -> Used {
+        Used {
+            inputs: self.inputs - 1,
+            outputs: self.outputs,
+        }
     }
 
     /// The layer and a ReLU, and below its outputs a row of ones: the input of the next layer's bias.
     #[must_use]
     pub fn relu(&self, x: &PointMatrix) -> PointMatrix {
         let y = PointMatrix::fresh(&x.data, self.outputs + 1, x.points);
-        self.launch(x, &y, None, Activation::ReluAndOne);
+        self.launch(x, &y, None, Activation::ReluAndOne, self.all());
         y
     }
 
@@ -88,7 +119,7 @@ impl Packed {
     #[must_use]
     pub fn gated(&self, x: &PointMatrix, gate: &PointMatrix) -> PointMatrix {
         let y = PointMatrix::fresh(&x.data, self.outputs, x.points);
-        self.launch(x, &y, Some(gate), Activation::Gated);
+        self.launch(x, &y, Some(gate), Activation::Gated, self.all());
         y
     }
 
@@ -98,13 +129,14 @@ impl Packed {
         y: &PointMatrix,
         gate: Option<&PointMatrix>,
         activation: Activation,
+        used: Used,
     ) {
         assert_eq!(
             self.inputs, x.rows,
             "Packed: inputs of the layer and rows of the matrix"
         );
         let blocks = y.points / BLOCK;
-        let rows = padded(self.outputs) / BLOCK;
+        let rows = padded(used.outputs) / BLOCK;
         if blocks == 0 {
             return;
         }
@@ -121,13 +153,23 @@ impl Packed {
                 buffer(&gate.unwrap_or(x).data),
                 buffer(&y.data),
                 blocks as u32,
-                self.inputs as u32,
+                used.inputs as u32,
                 (x.points / LANES) as u32,
+                self.inputs,
                 self.outputs,
                 activation,
             );
         }
     }
+}
+
+/// How much of a layer is wanted.
+#[derive(Clone, Copy, Debug)]
+struct Used {
+    /// Leading inputs, before the last one, which always counts.
+    inputs: usize,
+    /// Leading outputs.
+    outputs: usize,
 }
 
 /// What follows a layer.
@@ -178,8 +220,9 @@ fn dense_kernel(
     gate: &[Quad],
     y: &mut [Quad],
     blocks: u32,
-    inputs: u32,
+    used: u32,
     x_stride: u32,
+    #[comptime] inputs: usize,
     #[comptime] outputs: usize,
     #[comptime] activation: Activation,
 ) {
@@ -192,9 +235,11 @@ fn dense_kernel(
         for i in 0..comptime!(BLOCK * QUADS) {
             sum[i] = Quad::new(0.0f32);
         }
-        let mut x_at = point;
-        let mut w_at = output;
-        for _ in 0..inputs {
+        let used = used as usize;
+        for i in 0..used + 1 {
+            let row = select(i == used, comptime!(inputs - 1), i);
+            let x_at = row * x_stride as usize + point;
+            let w_at = row * width + output;
             #[unroll]
             for q in 0..QUADS {
                 let w = weights[w_at + q];
@@ -208,8 +253,6 @@ fn dense_kernel(
                     }
                 }
             }
-            x_at += x_stride as usize;
-            w_at += width;
         }
         let y_stride = blocks * QUADS;
         let first = output * LANES * y_stride + point;

@@ -120,6 +120,18 @@ fn a_layer_of_any_size_is_its_matrix_product() {
             &expected,
             1e-5,
         );
+        // The rows left out are not zero: only the first outputs of the first input and the bias count.
+        let one = layer.apply_first(&x, 1);
+        let of_one: Vec<f64> = (0..outputs * n)
+            .map(|i| {
+                let (o, p) = (i / n, i % n);
+                f64::from(weights[o * inputs]) * numbers[p]
+                    + f64::from(bias[o]) * numbers[inputs * n + p]
+            })
+            .collect();
+        assert_close("first input", &without_padding(&one, n), &of_one, 1e-5);
+        let first = without_padding(&layer.first_outputs(&x, 1), n);
+        assert_close("first output", &first[..n], &expected[..n], 1e-5);
         let relu = layer.relu(&x);
         let mut positive: Vec<f64> = expected.iter().map(|value| value.max(0.0)).collect();
         positive.extend(vec![1.0; n]);

@@ -50,7 +50,9 @@ pub(super) fn gradients(
         };
         let back = saved.back(&layers, grad, part);
         if let Some(sink) = sink {
-            let dx = layers.hidden_back.apply(&back.d_hidden);
+            let dx = layers
+                .hidden_back
+                .first_outputs(&back.d_hidden, saved.active_inputs());
             if has_native_sum(&sink.client) {
                 saved.scatter::<NativeSum>(grad, &dx, part, sink);
             } else {
@@ -142,7 +144,7 @@ impl Saved {
                 );
             }
         }
-        let d_hidden = layers.hidden.apply(&inputs);
+        let d_hidden = layers.hidden.apply_first(&inputs, self.active_inputs());
         let d_activation = layers.output_back.apply_to(&d_outputs, across);
         let activation = PointMatrix::fresh(grad, sizes.hidden + 1, stride);
         let (cubes, dim) = units_for(client, across / LANES * sizes.hidden);

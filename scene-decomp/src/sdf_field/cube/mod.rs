@@ -54,6 +54,11 @@ impl Saved {
         }
     }
 
+    /// Inputs of the network that are not zero, the bias' aside.
+    fn active_inputs(&self) -> usize {
+        3 + 2 * self.config.active_levels
+    }
+
     fn scale(&self) -> f32 {
         0.5 / self.config.half_side
     }
@@ -68,11 +73,11 @@ impl Saved {
         for (first, count) in chunks(n, CHUNK) {
             let across = padded(count);
             let (x, jacobian) = self.encode(first, count, across);
-            let z = hidden.apply(&x);
+            let z = hidden.apply_first(&x, self.active_inputs());
             let (activation, derivative) = self.activate(&z);
             let y = output.apply(&activation);
             let g = if sizes.normal {
-                back.apply(&derivative)
+                back.first_outputs(&derivative, self.active_inputs())
             } else {
                 // Not read.
                 derivative
