@@ -2,8 +2,8 @@
 //!
 //! A custom op has its kernels in `cube.rs` next to its CPU kernel. What all of them need lives
 //! here: contiguous inputs and fresh outputs, a grid of workgroups for any number of items, sums
-//! of `f32` by many threads at once, elementary functions that keep their digits, and the sum of
-//! outer products that a network's weight gradients are.
+//! of `f32` by many threads at once, elementary functions that keep their digits, and a network's
+//! layers at many points with their weights' gradients.
 //!
 //! Everything is behind the feature `cube`, which the runtimes' features (`wgpu`, `vulkan`,
 //! `metal`, `cuda`) turn on; without it the crate is empty, and so is its dependency tree.
@@ -13,9 +13,15 @@ mod adapters;
 #[cfg(feature = "cube")]
 mod atomic;
 #[cfg(feature = "cube")]
+mod dense;
+#[cfg(feature = "cube")]
 mod elementary;
 #[cfg(feature = "cube")]
 mod outer;
+#[cfg(feature = "cube")]
+mod points;
+#[cfg(feature = "cube")]
+mod sums;
 #[cfg(feature = "cube")]
 mod tensor;
 
@@ -26,9 +32,15 @@ pub use atomic::{AtomicSum, CompareAndSwap, NativeSum, has_native_sum};
 #[cfg(feature = "cube")]
 pub use burn_cubecl::{cubecl, tensor::CubeTensor};
 #[cfg(feature = "cube")]
+pub use dense::Packed;
+#[cfg(feature = "cube")]
 pub use elementary::{exp_m1, ln_1p, sigmoid, softplus};
 #[cfg(feature = "cube")]
-pub use outer::{OuterSum, column_sums};
+pub use outer::layer_gradients;
+#[cfg(feature = "cube")]
+pub use points::{BLOCK, LANES, PointMatrix, Quad, padded};
+#[cfg(feature = "cube")]
+pub use sums::column_sums;
 #[cfg(feature = "cube")]
 pub use tensor::{
     UNITS, add, buffer, contiguous, fresh, from_slice, own, poison_fresh_memory, read, units_for,

@@ -73,25 +73,28 @@ pub struct Cell {
     hashed: u32,
 }
 
+/// Both features of an entry.
+pub type Pair = Vector<f32, Const<2>>;
+
 /// Both features of a cell at a point, and their derivatives by the position.
 #[derive(CubeType, Clone, Copy)]
 pub struct Blend {
-    /// The first feature.
-    pub value0: f32,
-    /// The second one.
-    pub value1: f32,
-    /// The first feature's derivative along x, y and z.
-    pub x0: f32,
+    /// The features.
+    pub value: Pair,
+    /// Their derivatives along x.
+    pub x: Pair,
     /// Along y.
-    pub y0: f32,
+    pub y: Pair,
     /// Along z.
-    pub z0: f32,
-    /// The second feature's derivative along x, y and z.
-    pub x1: f32,
-    /// Along y.
-    pub y1: f32,
-    /// Along z.
-    pub z1: f32,
+    pub z: Pair,
+}
+
+/// A pair of two numbers.
+#[cube]
+pub fn pair(first: f32, second: f32) -> Pair {
+    let mut both = Pair::new(first);
+    both.insert(1usize, second);
+    both
 }
 
 #[cube]
@@ -152,49 +155,34 @@ pub fn entry(cell: &Cell, #[comptime] c: u32) -> usize {
 }
 
 #[cube]
-fn lerp(a: f32, b: f32, w: f32) -> f32 {
+fn lerp(a: Pair, b: Pair, w: Pair) -> Pair {
     a + w * (b - a)
 }
 
-/// One feature of the cell at the point, with its derivatives: value, x, y, z.
+/// Both features of the cell at the point, and their derivatives by it. The table is `[entries]`, in pairs.
 #[cube]
-fn blend_one(cell: &Cell, table: &[f32], #[comptime] feature: usize) -> (f32, f32, f32, f32) {
-    let c0 = table[entry(cell, 0u32) * 2 + feature];
-    let c1 = table[entry(cell, 1u32) * 2 + feature];
-    let c2 = table[entry(cell, 2u32) * 2 + feature];
-    let c3 = table[entry(cell, 3u32) * 2 + feature];
-    let c4 = table[entry(cell, 4u32) * 2 + feature];
-    let c5 = table[entry(cell, 5u32) * 2 + feature];
-    let c6 = table[entry(cell, 6u32) * 2 + feature];
-    let c7 = table[entry(cell, 7u32) * 2 + feature];
-    let (wx, wy, wz) = (cell.x.weight, cell.y.weight, cell.z.weight);
+pub fn blend(cell: &Cell, table: &[Pair]) -> Blend {
+    let c0 = table[entry(cell, 0u32)];
+    let c1 = table[entry(cell, 1u32)];
+    let c2 = table[entry(cell, 2u32)];
+    let c3 = table[entry(cell, 3u32)];
+    let c4 = table[entry(cell, 4u32)];
+    let c5 = table[entry(cell, 5u32)];
+    let c6 = table[entry(cell, 6u32)];
+    let c7 = table[entry(cell, 7u32)];
+    let wx = Pair::new(cell.x.weight);
+    let wy = Pair::new(cell.y.weight);
+    let wz = Pair::new(cell.z.weight);
     let (e0, e1) = (lerp(c0, c1, wx), lerp(c2, c3, wx));
     let (e2, e3) = (lerp(c4, c5, wx), lerp(c6, c7, wx));
     let (near, far) = (lerp(e0, e1, wy), lerp(e2, e3, wy));
     let along_x = lerp(lerp(c1 - c0, c3 - c2, wy), lerp(c5 - c4, c7 - c6, wy), wz);
     let along_y = lerp(e1 - e0, e3 - e2, wz);
-    (
-        lerp(near, far, wz),
-        along_x * cell.x.slope,
-        along_y * cell.y.slope,
-        (far - near) * cell.z.slope,
-    )
-}
-
-/// Both features of the cell at the point, and their derivatives by it.
-#[cube]
-pub fn blend(cell: &Cell, table: &[f32]) -> Blend {
-    let (value0, x0, y0, z0) = blend_one(cell, table, 0usize);
-    let (value1, x1, y1, z1) = blend_one(cell, table, 1usize);
     Blend {
-        value0,
-        value1,
-        x0,
-        y0,
-        z0,
-        x1,
-        y1,
-        z1,
+        value: lerp(near, far, wz),
+        x: along_x * Pair::new(cell.x.slope),
+        y: along_y * Pair::new(cell.y.slope),
+        z: (far - near) * Pair::new(cell.z.slope),
     }
 }
 
@@ -210,14 +198,12 @@ pub fn scatter<A: AtomicSum>(grad: &[Atomic<A::Word>], cell: &Cell, d: &Blend) {
         let weight = x * (y * z);
         let (along_x, along_y, along_z) = (dx * (y * z), dy * (x * z), dz * (x * y));
         let at = entry(cell, c) * 2;
-        A::add(
-            &grad[at],
-            weight * d.value0 + along_x * d.x0 + along_y * d.y0 + along_z * d.z0,
-        );
-        A::add(
-            &grad[at + 1],
-            weight * d.value1 + along_x * d.x1 + along_y * d.y1 + along_z * d.z1,
-        );
+        let sum = Pair::new(weight) * d.value
+            + Pair::new(along_x) * d.x
+            + Pair::new(along_y) * d.y
+            + Pair::new(along_z) * d.z;
+        A::add(&grad[at], sum.extract(0usize));
+        A::add(&grad[at + 1], sum.extract(1usize));
     }
 }
 

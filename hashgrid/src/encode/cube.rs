@@ -8,7 +8,7 @@ use gpu_tensors::{
 
 use super::backward::EncodeBackward;
 use super::{EncodeConfig, EncodeOps};
-use crate::cube::{Blend, blend, is_smooth, level_words, locate, scatter};
+use crate::cube::{Blend, Pair, blend, is_smooth, level_words, locate, pair, scatter};
 use crate::layout::FEATURES;
 use cubecl::prelude::*;
 
@@ -160,7 +160,7 @@ fn table_gradient<A: AtomicSum>(
 #[cube(launch_unchecked)]
 fn forward_kernel(
     points: &[f32],
-    table: &[f32],
+    table: &[Pair],
     levels: &[u32],
     out: &mut [f32],
     n: u32,
@@ -184,15 +184,15 @@ fn forward_kernel(
                 smooth,
             );
             let both = blend(&cell, table);
-            out[at] = both.value0;
-            out[at + width] = both.value1;
+            out[at] = both.value.extract(0usize);
+            out[at + width] = both.value.extract(1usize);
             if comptime!(width > 1) {
-                out[at + 1] = both.x0;
-                out[at + 2] = both.y0;
-                out[at + 3] = both.z0;
-                out[at + width + 1] = both.x1;
-                out[at + width + 2] = both.y1;
-                out[at + width + 3] = both.z1;
+                out[at + 1] = both.x.extract(0usize);
+                out[at + 2] = both.y.extract(0usize);
+                out[at + 3] = both.z.extract(0usize);
+                out[at + width + 1] = both.x.extract(1usize);
+                out[at + width + 2] = both.y.extract(1usize);
+                out[at + width + 3] = both.z.extract(1usize);
             }
         } else {
             #[unroll]
@@ -229,23 +229,17 @@ fn table_kernel<A: AtomicSum>(
             smooth,
         );
         let at = (point * level_count + level) * 2 * width;
+        let zero = Pair::new(0.0f32);
         let mut d = Blend {
-            value0: grad[at],
-            value1: grad[at + width],
-            x0: 0.0f32,
-            y0: 0.0f32,
-            z0: 0.0f32,
-            x1: 0.0f32,
-            y1: 0.0f32,
-            z1: 0.0f32,
+            value: pair(grad[at], grad[at + width]),
+            x: zero,
+            y: zero,
+            z: zero,
         };
         if comptime!(width > 1) {
-            d.x0 = grad[at + 1];
-            d.y0 = grad[at + 2];
-            d.z0 = grad[at + 3];
-            d.x1 = grad[at + width + 1];
-            d.y1 = grad[at + width + 2];
-            d.z1 = grad[at + width + 3];
+            d.x = pair(grad[at + 1], grad[at + width + 1]);
+            d.y = pair(grad[at + 2], grad[at + width + 2]);
+            d.z = pair(grad[at + 3], grad[at + width + 3]);
         }
         scatter::<A>(table, &cell, &d);
     }
@@ -255,7 +249,7 @@ fn table_kernel<A: AtomicSum>(
 #[cube(launch_unchecked)]
 fn points_kernel(
     points: &[f32],
-    table: &[f32],
+    table: &[Pair],
     levels: &[u32],
     grad: &[f32],
     out: &mut [f32],
@@ -267,9 +261,9 @@ fn points_kernel(
     let point = ABSOLUTE_POS;
     if point < n as usize {
         let p = point * 3;
-        let mut dx = 0.0f32;
-        let mut dy = 0.0f32;
-        let mut dz = 0.0f32;
+        let mut dx = Pair::new(0.0f32);
+        let mut dy = Pair::new(0.0f32);
+        let mut dz = Pair::new(0.0f32);
         for level in 0..active as usize {
             let cell = locate(
                 points[p],
@@ -281,13 +275,13 @@ fn points_kernel(
             );
             let both = blend(&cell, table);
             let at = (point * level_count + level) * 2;
-            let (g0, g1) = (grad[at], grad[at + 1]);
-            dx += g0 * both.x0 + g1 * both.x1;
-            dy += g0 * both.y0 + g1 * both.y1;
-            dz += g0 * both.z0 + g1 * both.z1;
+            let g = pair(grad[at], grad[at + 1]);
+            dx += g * both.x;
+            dy += g * both.y;
+            dz += g * both.z;
         }
-        out[p] = dx;
-        out[p + 1] = dy;
-        out[p + 2] = dz;
+        out[p] = dx.extract(0usize) + dx.extract(1usize);
+        out[p + 1] = dy.extract(0usize) + dy.extract(1usize);
+        out[p + 2] = dz.extract(0usize) + dz.extract(1usize);
     }
 }

@@ -2,8 +2,9 @@
 
 use gpu_tensors::cubecl;
 use gpu_tensors::{
-    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, OuterSum, buffer, column_sums, exp_m1, fresh,
-    from_slice, has_native_sum, ln_1p, read, sigmoid, softplus, units_for, zeros,
+    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, Packed, PointMatrix, buffer, column_sums,
+    exp_m1, fresh, from_slice, has_native_sum, layer_gradients, ln_1p, padded, read, sigmoid,
+    softplus, units_for, zeros,
 };
 
 use cubecl::prelude::*;
@@ -63,35 +64,141 @@ fn a_launch_may_have_more_workgroups_than_an_axis_holds() {
     assert_eq!(found.iter().sum::<f32>(), 0.5 * adders as f32);
 }
 
+/// A matrix on the device with its values on the host, in double precision; padding is NaN below the
+/// rows and zero beside the points.
+fn random_points(like: &CubeTensor, rows: usize, n: usize, seed: u32) -> (PointMatrix, Vec<f64>) {
+    let points = padded(n);
+    let mut values = vec![f32::NAN; padded(rows) * points];
+    let numbers = Random(seed).list(rows * n);
+    for row in 0..rows {
+        let at = row * points;
+        values[at..at + n].copy_from_slice(&numbers[row * n..(row + 1) * n]);
+        values[at + n..at + points].fill(0.0);
+    }
+    let data = from_slice(like, &values, [padded(rows), points]);
+    let matrix = PointMatrix { data, rows, points };
+    (matrix, numbers.into_iter().map(f64::from).collect())
+}
+
+/// The rows of a matrix in use, without the points' padding.
+fn without_padding(matrix: &PointMatrix, n: usize) -> Vec<f64> {
+    read(&matrix.data)
+        .chunks_exact(matrix.points.max(1))
+        .take(matrix.rows)
+        .flat_map(|row| row[..n].iter().map(|value| f64::from(*value)))
+        .collect()
+}
+
 #[test]
-fn outer_products_are_summed_over_any_number_of_rows() {
-    for n in [0, 1, 255, 256, 1000] {
-        let (a, b) = (5, 7);
-        let values = Random(n as u32 + 1).list(n * (a + b));
-        let Some(matrix) = on_gpu(&values, [n, a + b]) else {
-            return;
-        };
-        let sum = OuterSum::new(&matrix, &matrix)
-            .left_columns(1, 4)
-            .right_columns(5, 6)
-            .compute([4, 6]);
-        let mut expected = vec![0.0; 24];
-        let mut columns = vec![0.0; 3];
-        for row in values.chunks_exact(a + b) {
-            for i in 0..4 {
-                for j in 0..6 {
-                    expected[6 * i + j] += f64::from(row[1 + i]) * f64::from(row[5 + j]);
+fn a_layer_of_any_size_is_its_matrix_product() {
+    let Some(like) = on_gpu(&[0.0], [1, 1]) else {
+        return;
+    };
+    for (n, inputs, outputs) in [(1, 3, 1), (65, 35, 64), (300, 64, 13), (9, 7, 60)] {
+        let weights = Random(5).list(outputs * inputs);
+        let bias = Random(6).list(outputs);
+        let (x, numbers) = random_points(&like, inputs + 1, n, 7);
+        let weight = from_slice(&like, &weights, [outputs, inputs]);
+        let layer = Packed::forward(&weight, &from_slice(&like, &bias, [outputs]));
+        let mut expected = vec![0.0; outputs * n];
+        let mut back = vec![0.0; inputs * n];
+        for o in 0..outputs {
+            for k in 0..=inputs {
+                let w = f64::from(if k < inputs {
+                    weights[o * inputs + k]
+                } else {
+                    bias[o]
+                });
+                for p in 0..n {
+                    expected[o * n + p] += w * numbers[k * n + p];
                 }
             }
-            for (sum, value) in columns.iter_mut().zip(&row[2..]) {
-                *sum += f64::from(*value);
+        }
+        assert_close(
+            "layer",
+            &without_padding(&layer.apply(&x), n),
+            &expected,
+            1e-5,
+        );
+        // The rows left out are not zero: only the first outputs of the first input and the bias count.
+        let one = layer.apply_first(&x, 1);
+        let of_one: Vec<f64> = (0..outputs * n)
+            .map(|i| {
+                let (o, p) = (i / n, i % n);
+                f64::from(weights[o * inputs]) * numbers[p]
+                    + f64::from(bias[o]) * numbers[inputs * n + p]
+            })
+            .collect();
+        assert_close("first input", &without_padding(&one, n), &of_one, 1e-5);
+        let first = without_padding(&layer.first_outputs(&x, 1), n);
+        assert_close("first output", &first[..n], &expected[..n], 1e-5);
+        let relu = layer.relu(&x);
+        let mut positive: Vec<f64> = expected.iter().map(|value| value.max(0.0)).collect();
+        positive.extend(vec![1.0; n]);
+        assert_close("relu", &without_padding(&relu, n), &positive, 1e-5);
+
+        let (d, numbers) = random_points(&like, outputs, n, 8);
+        let (gate, gates) = random_points(&like, inputs, n, 9);
+        for o in 0..outputs {
+            for k in 0..inputs {
+                for p in 0..n {
+                    back[k * n + p] += f64::from(weights[o * inputs + k]) * numbers[o * n + p];
+                }
+            }
+        }
+        for (value, gate) in back.iter_mut().zip(&gates) {
+            *value *= f64::from(u8::from(*gate > 0.0));
+        }
+        let gated = Packed::backward(&weight).gated(&d, &gate);
+        assert_close("gated", &without_padding(&gated, n), &back, 1e-5);
+    }
+}
+
+#[test]
+fn gradients_of_layers_are_summed_over_any_number_of_points() {
+    let Some(like) = on_gpu(&[0.0], [1, 1]) else {
+        return;
+    };
+    for (n, a, b) in [(0, 5, 7), (1, 5, 7), (255, 13, 65), (1000, 64, 36)] {
+        let (left, lefts) = random_points(&like, a, n, 1);
+        let (right, rights) = random_points(&like, b, n, 2);
+        let (weights, bias) = layer_gradients(&left, &right);
+        let mut expected = vec![0.0; a * (b - 1)];
+        let mut sums = vec![0.0; a];
+        for i in 0..a {
+            for j in 0..b {
+                let product: f64 = (0..n).map(|p| lefts[i * n + p] * rights[j * n + p]).sum();
+                if j + 1 < b {
+                    expected[i * (b - 1) + j] = product;
+                } else {
+                    sums[i] = product;
+                }
             }
         }
         let found =
             |tensor: &CubeTensor| -> Vec<f64> { read(tensor).into_iter().map(f64::from).collect() };
-        assert_close("outer", &found(&sum), &expected, 1e-5);
-        let sums = column_sums(&matrix, 2, 3);
-        assert_close("columns", &found(&sums), &columns, 1e-5);
+        assert_close("weights", &found(&weights), &expected, 1e-5);
+        assert_close("bias", &found(&bias), &sums, 1e-5);
+    }
+}
+
+#[test]
+fn columns_are_summed_over_any_number_of_rows() {
+    for n in [0, 1, 255, 256, 1000] {
+        let width = 12;
+        let values = Random(n as u32 + 1).list(n * width);
+        let Some(matrix) = on_gpu(&values, [n, width]) else {
+            return;
+        };
+        let mut expected = vec![0.0; 3];
+        for row in values.chunks_exact(width) {
+            for (sum, value) in expected.iter_mut().zip(&row[2..]) {
+                *sum += f64::from(*value);
+            }
+        }
+        let sums = read(&column_sums(&matrix, 2, 3));
+        let found: Vec<f64> = sums.into_iter().map(f64::from).collect();
+        assert_close("columns", &found, &expected, 1e-5);
     }
 }
 

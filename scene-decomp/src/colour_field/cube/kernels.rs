@@ -1,4 +1,5 @@
-//! The kernels: one thread per point.
+//! The kernels around the network's layers. Matrices are [`gpu_tensors::PointMatrix`], `across` their
+//! points.
 
 use gpu_tensors::{cubecl, sigmoid};
 
@@ -50,292 +51,215 @@ impl Sizes {
     pub(super) fn inputs(self) -> usize {
         6 + self.geometry + self.extra
     }
-}
 
-/// Columns of the row that backward leaves for each point: each layer's input followed by a 1, and
-/// each layer's gradient before its activation. Their sums of outer products are `dW | db`.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Row {
-    pub(super) input: usize,
-    pub(super) h1: usize,
-    pub(super) h2: usize,
-    pub(super) d1: usize,
-    pub(super) d2: usize,
-    pub(super) d3: usize,
-    pub(super) width: usize,
-}
-
-impl Row {
-    pub(super) fn new(sizes: Sizes) -> Self {
-        let h1 = sizes.inputs() + 1;
-        let h2 = h1 + sizes.hidden1 + 1;
-        let d1 = h2 + sizes.hidden2 + 1;
-        let d2 = d1 + sizes.hidden1;
-        let d3 = d2 + sizes.hidden2;
-        Self {
-            input: 0,
-            h1,
-            h2,
-            d1,
-            d2,
-            d3,
-            width: d3 + sizes.outputs,
-        }
+    /// Columns of the geometry that are inputs as they are: sdf and features.
+    fn own(self) -> usize {
+        self.geometry - 3
     }
 }
 
-/// The network's input for a point: position, normal, direction, sdf, features, extra.
-#[cube]
-fn input(
-    geometry: &[f32],
-    points: &[f32],
-    directions: &[f32],
-    extra: &[f32],
-    point: usize,
-    x: &mut Array<f32>,
-    #[comptime] sizes: Sizes,
-) {
-    let columns = comptime!(sizes.geometry);
-    let own = comptime!(sizes.geometry - 3);
-    let row = point * columns;
-    #[unroll]
-    for axis in 0..3usize {
-        x[axis] = points[point * 3 + axis];
-        x[3 + axis] = geometry[row + own + axis];
-        x[6 + axis] = directions[point * 3 + axis];
-    }
-    for k in 0..own {
-        x[9 + k] = geometry[row + k];
-    }
-    if comptime!(sizes.extra > 0) {
-        for k in 0..comptime!(sizes.extra) {
-            x[comptime!(9 + sizes.geometry - 3) + k] = extra[point * comptime!(sizes.extra) + k];
-        }
-    }
-}
-
-/// A layer before its activation.
-#[cube]
-fn layer(
-    weight: &[f32],
-    bias: &[f32],
-    x: &Array<f32>,
-    y: &mut Array<f32>,
-    #[comptime] inputs: usize,
-    #[comptime] outputs: usize,
-) {
-    for o in 0..outputs {
-        let mut sum = bias[o];
-        for k in 0..inputs {
-            sum += weight[o * inputs + k] * x[k];
-        }
-        y[o] = sum;
-    }
-}
-
-/// Writes the columns around the network's outputs, from its inputs.
-#[cube]
-fn surroundings(
-    x: &Array<f32>,
-    stretch: &[f32],
-    point: usize,
-    out: &mut [f32],
-    #[comptime] sizes: Sizes,
-) {
-    let at = point * comptime!(sizes.columns());
-    let mut first = x[9];
-    if comptime!(sizes.form == Form::Density) {
-        first = clamp(
-            -first,
-            comptime!(LEAST_LOG_DENSITY),
-            comptime!(MOST_LOG_DENSITY),
-        )
-        .exp();
-        if comptime!(sizes.stretched) {
-            first *= stretch[point];
-        }
-    }
-    out[at + comptime!(row_column::FIRST)] = first;
-    out[at + comptime!(row_column::SLOPE)] = x[3] * x[6] + x[4] * x[7] + x[5] * x[8];
-    out[at + comptime!(sizes.columns() - 1)] = normal_length(x);
-}
-
-/// The length of the normal among the network's inputs.
-#[cube]
-fn normal_length(x: &Array<f32>) -> f32 {
-    (x[3] * x[3] + x[4] * x[4] + x[5] * x[5] + comptime!(LENGTH_OFFSET)).sqrt()
-}
-
-/// Negative values to zero.
-#[cube]
-fn relu(values: &mut Array<f32>, #[comptime] count: usize) {
-    for i in 0..count {
-        values[i] = select(values[i] > 0.0f32, values[i], 0.0f32);
-    }
-}
-
-/// One thread per point.
+/// The network's inputs at `count` points from `first` on: position, normal, direction, sdf, features,
+/// extra, and a one, the bias' input; zeros beyond the points.
+///
+/// One thread for each point and input.
 #[cube(launch_unchecked)]
-pub(super) fn forward_kernel(
+pub(super) fn input_kernel(
     geometry: &[f32],
     points: &[f32],
     directions: &[f32],
     extra: &[f32],
-    stretch: &[f32],
-    w1: &[f32],
-    b1: &[f32],
-    w2: &[f32],
-    b2: &[f32],
-    w3: &[f32],
-    b3: &[f32],
-    out: &mut [f32],
-    n: u32,
-    view_share: f32,
-    #[comptime] sizes: Sizes,
-) {
-    let point = ABSOLUTE_POS;
-    if point < n as usize {
-        let mut x = Array::<f32>::new(comptime!(sizes.inputs()));
-        let mut h1 = Array::<f32>::new(comptime!(sizes.hidden1));
-        let mut h2 = Array::<f32>::new(comptime!(sizes.hidden2));
-        let mut y = Array::<f32>::new(comptime!(sizes.outputs));
-        input(geometry, points, directions, extra, point, &mut x, sizes);
-        if comptime!(sizes.form != Form::Colour) {
-            surroundings(&x, stretch, point, out, sizes);
-        }
-        for axis in 6..9usize {
-            x[axis] *= view_share;
-        }
-        layer(
-            w1,
-            b1,
-            &x,
-            &mut h1,
-            comptime!(sizes.inputs()),
-            sizes.hidden1,
-        );
-        relu(&mut h1, sizes.hidden1);
-        layer(w2, b2, &h1, &mut h2, sizes.hidden1, sizes.hidden2);
-        relu(&mut h2, sizes.hidden2);
-        layer(w3, b3, &h2, &mut y, sizes.hidden2, sizes.outputs);
-        for o in 0..comptime!(sizes.outputs) {
-            out[point * comptime!(sizes.columns()) + comptime!(sizes.first_output()) + o] =
-                sigmoid(y[o]);
-        }
-    }
-}
-
-/// One thread per point.
-#[cube(launch_unchecked)]
-pub(super) fn backward_kernel(
-    geometry: &[f32],
-    points: &[f32],
-    directions: &[f32],
-    extra: &[f32],
-    stretch: &[f32],
-    w1: &[f32],
-    b1: &[f32],
-    w2: &[f32],
-    b2: &[f32],
-    w3: &[f32],
-    b3: &[f32],
-    grad: &[f32],
-    rows: &mut [f32],
-    d_geometry: &mut [f32],
+    x: &mut [f32],
     first: u32,
     count: u32,
+    across: u32,
     view_share: f32,
+    #[comptime] sizes: Sizes,
+) {
+    let across = across as usize;
+    let (point, k) = (ABSOLUTE_POS % across, ABSOLUTE_POS / across);
+    let own = comptime!(sizes.own());
+    if k < comptime!(sizes.inputs() + 1) {
+        let mut value = 0.0f32;
+        if point < count as usize {
+            let p = first as usize + point;
+            let row = p * comptime!(sizes.geometry);
+            if k < 3 {
+                value = points[3 * p + k];
+            } else if k < 6 {
+                value = geometry[row + own + k - 3];
+            } else if k < 9 {
+                value = view_share * directions[3 * p + k - 6];
+            } else if k < 9 + own {
+                value = geometry[row + k - 9];
+            } else if k < comptime!(sizes.inputs()) {
+                value = extra[p * comptime!(sizes.extra) + k - 9 - own];
+            } else {
+                value = 1.0f32;
+            }
+        }
+        x[ABSOLUTE_POS] = value;
+    }
+}
+
+/// A point's sdf, normal and direction.
+#[derive(CubeType, Clone, Copy)]
+struct Seen {
+    sdf: f32,
+    nx: f32,
+    ny: f32,
+    nz: f32,
+    vx: f32,
+    vy: f32,
+    vz: f32,
+}
+
+#[cube]
+fn seen(geometry: &[f32], directions: &[f32], point: usize, #[comptime] sizes: Sizes) -> Seen {
+    let row = point * comptime!(sizes.geometry);
+    let normal = row + comptime!(sizes.own());
+    Seen {
+        sdf: geometry[row],
+        nx: geometry[normal],
+        ny: geometry[normal + 1],
+        nz: geometry[normal + 2],
+        vx: directions[3 * point],
+        vy: directions[3 * point + 1],
+        vz: directions[3 * point + 2],
+    }
+}
+
+/// The normal's length.
+#[cube]
+fn normal_length(at: &Seen) -> f32 {
+    (at.nx * at.nx + at.ny * at.ny + at.nz * at.nz + comptime!(LENGTH_OFFSET)).sqrt()
+}
+
+/// The density that an sdf stands for.
+#[cube]
+fn density(sdf: f32, stretch: &[f32], point: usize, #[comptime] sizes: Sizes) -> f32 {
+    let log = clamp(
+        -sdf,
+        comptime!(LEAST_LOG_DENSITY),
+        comptime!(MOST_LOG_DENSITY),
+    );
+    let mut density = log.exp();
+    if comptime!(sizes.stretched) {
+        density *= stretch[point];
+    }
+    density
+}
+
+/// Writes the results of `count` points from the network's outputs before their sigmoid.
+///
+/// One thread per point.
+#[cube(launch_unchecked)]
+pub(super) fn finish_kernel(
+    geometry: &[f32],
+    directions: &[f32],
+    stretch: &[f32],
+    y: &[f32],
+    out: &mut [f32],
+    first: u32,
+    count: u32,
+    across: u32,
     #[comptime] sizes: Sizes,
 ) {
     if ABSOLUTE_POS < count as usize {
         let point = first as usize + ABSOLUTE_POS;
-        let row = comptime!(Row::new(sizes));
-        let base = ABSOLUTE_POS * comptime!(row.width);
-        let inputs = comptime!(sizes.inputs());
-        let hidden1 = comptime!(sizes.hidden1);
-        let hidden2 = comptime!(sizes.hidden2);
-        let outputs = comptime!(sizes.outputs);
-        let mut x = Array::<f32>::new(inputs);
-        let mut h1 = Array::<f32>::new(hidden1);
-        let mut h2 = Array::<f32>::new(hidden2);
-        let mut y = Array::<f32>::new(outputs);
-        input(geometry, points, directions, extra, point, &mut x, sizes);
-        for axis in 6..9usize {
-            x[axis] *= view_share;
-        }
-        layer(w1, b1, &x, &mut h1, inputs, hidden1);
-        relu(&mut h1, hidden1);
-        layer(w2, b2, &h1, &mut h2, hidden1, hidden2);
-        relu(&mut h2, hidden2);
-        layer(w3, b3, &h2, &mut y, hidden2, outputs);
-
-        let from = point * comptime!(sizes.columns());
-        let mut d1 = Array::<f32>::new(hidden1);
-        let mut d2 = Array::<f32>::new(hidden2);
-        for o in 0..outputs {
-            let colour = sigmoid(y[o]);
-            let d = grad[from + comptime!(sizes.first_output()) + o] * colour * (1.0f32 - colour);
-            rows[base + comptime!(row.d3) + o] = d;
-            for j in 0..hidden2 {
-                d2[j] += w3[o * hidden2 + j] * d;
-            }
-        }
-        for j in 0..hidden2 {
-            let d = select(h2[j] > 0.0f32, d2[j], 0.0f32);
-            rows[base + comptime!(row.d2) + j] = d;
-            rows[base + comptime!(row.h2) + j] = h2[j];
-            for i in 0..hidden1 {
-                d1[i] += w2[j * hidden1 + i] * d;
-            }
-        }
-        rows[base + comptime!(row.h2) + hidden2] = 1.0f32;
-        let mut dx = Array::<f32>::new(inputs);
-        for i in 0..hidden1 {
-            let d = select(h1[i] > 0.0f32, d1[i], 0.0f32);
-            rows[base + comptime!(row.d1) + i] = d;
-            rows[base + comptime!(row.h1) + i] = h1[i];
-            for k in 3..inputs {
-                dx[k] += w1[i * inputs + k] * d;
-            }
-        }
-        rows[base + comptime!(row.h1) + hidden1] = 1.0f32;
-        for k in 0..inputs {
-            rows[base + comptime!(row.input) + k] = x[k];
-        }
-        rows[base + comptime!(row.input) + inputs] = 1.0f32;
-        // Input columns: p, n, v, sdf, feature, extra; geometry columns: sdf, feature, n.
-        let own = comptime!(sizes.geometry - 3);
-        let at = point * comptime!(sizes.geometry);
-        for k in 0..own {
-            d_geometry[at + k] = dx[9 + k];
-        }
-        #[unroll]
-        for axis in 0..3usize {
-            d_geometry[at + own + axis] = dx[3 + axis];
-        }
+        let at = point * comptime!(sizes.columns());
         if comptime!(sizes.form != Form::Colour) {
+            let seen = seen(geometry, directions, point, sizes);
+            let mut value = seen.sdf;
+            if comptime!(sizes.form == Form::Density) {
+                value = density(seen.sdf, stretch, point, sizes);
+            }
+            out[at + comptime!(row_column::FIRST)] = value;
+            out[at + comptime!(row_column::SLOPE)] =
+                seen.nx * seen.vx + seen.ny * seen.vy + seen.nz * seen.vz;
+            out[at + comptime!(sizes.columns() - 1)] = normal_length(&seen);
+        }
+        for o in 0..comptime!(sizes.outputs) {
+            let value = y[o * across as usize + ABSOLUTE_POS];
+            out[at + comptime!(sizes.first_output()) + o] = sigmoid(value);
+        }
+    }
+}
+
+/// From the network's outputs before their sigmoid to their gradients, in place; zeros beyond the points.
+///
+/// One thread for each point and output.
+#[cube(launch_unchecked)]
+pub(super) fn outputs_kernel(
+    grad: &[f32],
+    y: &mut [f32],
+    first: u32,
+    count: u32,
+    across: u32,
+    #[comptime] sizes: Sizes,
+) {
+    let across = across as usize;
+    let (point, o) = (ABSOLUTE_POS % across, ABSOLUTE_POS / across);
+    if o < comptime!(sizes.outputs) {
+        let mut value = 0.0f32;
+        if point < count as usize {
+            let row = (first as usize + point) * comptime!(sizes.columns());
+            let colour = sigmoid(y[ABSOLUTE_POS]);
+            value = grad[row + comptime!(sizes.first_output()) + o] * colour * (1.0f32 - colour);
+        }
+        y[ABSOLUTE_POS] = value;
+    }
+}
+
+/// The geometry's gradients of `count` points, from the inputs' and, for rows, what is around the
+/// network's outputs.
+///
+/// One thread per point.
+#[cube(launch_unchecked)]
+pub(super) fn geometry_kernel(
+    geometry: &[f32],
+    directions: &[f32],
+    stretch: &[f32],
+    grad: &[f32],
+    dx: &[f32],
+    d_geometry: &mut [f32],
+    first: u32,
+    count: u32,
+    across: u32,
+    #[comptime] sizes: Sizes,
+) {
+    if ABSOLUTE_POS < count as usize {
+        let point = first as usize + ABSOLUTE_POS;
+        let across = across as usize;
+        let own = comptime!(sizes.own());
+        let at = point * comptime!(sizes.geometry);
+        let mut sdf = dx[9 * across + ABSOLUTE_POS];
+        let mut nx = dx[3 * across + ABSOLUTE_POS];
+        let mut ny = dx[4 * across + ABSOLUTE_POS];
+        let mut nz = dx[5 * across + ABSOLUTE_POS];
+        if comptime!(sizes.form != Form::Colour) {
+            let from = point * comptime!(sizes.columns());
+            let seen = seen(geometry, directions, point, sizes);
             let mut first = grad[from + comptime!(row_column::FIRST)];
             if comptime!(sizes.form == Form::Density) {
-                let log = -x[9];
-                let inside = clamp(
-                    log,
-                    comptime!(LEAST_LOG_DENSITY),
-                    comptime!(MOST_LOG_DENSITY),
-                );
-                let mut density = inside.exp();
-                if comptime!(sizes.stretched) {
-                    density *= stretch[point];
-                }
-                first = select(inside == log, -first * density, 0.0f32);
+                let log = -seen.sdf;
+                let inside =
+                    log >= comptime!(LEAST_LOG_DENSITY) && log <= comptime!(MOST_LOG_DENSITY);
+                let density = density(seen.sdf, stretch, point, sizes);
+                first = select(inside, -first * density, 0.0f32);
             }
-            d_geometry[at] += first;
+            sdf += first;
             let slope = grad[from + comptime!(row_column::SLOPE)];
-            let length = grad[from + comptime!(sizes.columns() - 1)] / normal_length(&x);
-            #[unroll]
-            for axis in 0..3usize {
-                d_geometry[at + own + axis] +=
-                    slope * directions[point * 3 + axis] + length * x[3 + axis];
-            }
+            let length = grad[from + comptime!(sizes.columns() - 1)] / normal_length(&seen);
+            nx += slope * seen.vx + length * seen.nx;
+            ny += slope * seen.vy + length * seen.ny;
+            nz += slope * seen.vz + length * seen.nz;
         }
+        d_geometry[at] = sdf;
+        for k in 1..own {
+            d_geometry[at + k] = dx[(9 + k) * across + ABSOLUTE_POS];
+        }
+        d_geometry[at + own] = nx;
+        d_geometry[at + own + 1] = ny;
+        d_geometry[at + own + 2] = nz;
     }
 }

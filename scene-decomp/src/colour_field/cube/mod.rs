@@ -1,20 +1,22 @@
-//! The op on the GPU: one thread per point.
+//! The op on the GPU: layers as products of blocks, and kernels around them; see [`kernels`].
 //!
-//! Backward keeps nothing but the inputs and evaluates the network again. A thread leaves the rows
-//! whose outer products are the weights' gradients; see [`Row`].
+//! Backward keeps nothing but the inputs and evaluates the network again.
 
 mod kernels;
 
 use burn::backend::{Cube, TensorMetadata, tensor::FloatTensor};
 use gpu_tensors::cubecl::prelude::BufferArg;
-use gpu_tensors::{CubeTensor, OuterSum, buffer, contiguous, fresh, units_for, upload};
+use gpu_tensors::{
+    CubeTensor, Packed, PointMatrix, buffer, contiguous, fresh, layer_gradients, padded, units_for,
+    upload,
+};
 
 use super::backward::{Arguments, ColourFieldBackward};
 use super::{ColourFieldOps, Output, Reading};
 use crate::cube::{Sum, chunks};
-use kernels::{Form, Row, Sizes, backward_kernel, forward_kernel};
+use kernels::{Form, Sizes, finish_kernel, geometry_kernel, input_kernel, outputs_kernel};
 
-/// Points whose rows are in memory at once: at the default sizes 38 MB.
+/// Points whose activations are in memory at once: at the default sizes 56 MB on the way back.
 const CHUNK: usize = 32_768;
 
 /// What backward needs: the op's inputs.
@@ -107,55 +109,47 @@ impl Saved {
     fn forward(&self) -> CubeTensor {
         let (n, sizes) = (self.points(), self.sizes());
         let out = fresh(&self.points, [n, sizes.columns()]);
-        if n == 0 {
-            return out;
-        }
-        let client = &out.client;
-        let (count, dim) = units_for(client, n);
-        let [w1, b1, w2, b2, w3, b3] = self.weights.each_ref().map(buffer);
-        // SAFETY: threads beyond the points return at once; `colour_field` has checked the shapes.
-        unsafe {
-            forward_kernel::launch_unchecked(
-                client,
-                count,
-                dim,
-                buffer(&self.geometry),
-                buffer(&self.points),
-                buffer(&self.directions),
-                self.extra(),
-                self.stretch(),
-                w1,
-                b1,
-                w2,
-                b2,
-                w3,
-                b3,
-                buffer(&out),
-                n as u32,
-                self.view_share(),
-                sizes,
-            );
+        let layers = self.layers();
+        for (first, count) in chunks(n, CHUNK) {
+            let [.., y] = self.activations(&layers, first, count);
+            let client = &out.client;
+            let (cubes, dim) = units_for(client, count);
+            // SAFETY: threads beyond the points return at once; `colour_field` has checked the shapes.
+            unsafe {
+                finish_kernel::launch_unchecked(
+                    client,
+                    cubes,
+                    dim,
+                    buffer(&self.geometry),
+                    buffer(&self.directions),
+                    self.stretch(),
+                    buffer(&y.data),
+                    buffer(&out),
+                    first as u32,
+                    count as u32,
+                    y.points as u32,
+                    sizes,
+                );
+            }
         }
         out
     }
 
-    /// Writes the geometry's gradient of `count` points from `first` on, and returns the rows that
-    /// the weights' gradients are made of.
-    fn backward(
-        &self,
-        grad: &CubeTensor,
-        geometry: &CubeTensor,
-        first: usize,
-        count: usize,
-    ) -> CubeTensor {
+    /// The layers, ready for use.
+    fn layers(&self) -> [Packed; 3] {
+        let [w1, b1, w2, b2, w3, b3] = &self.weights;
+        [(w1, b1), (w2, b2), (w3, b3)].map(|(w, b)| Packed::forward(w, b))
+    }
+
+    /// The inputs of all layers at `count` points from `first` on, and the outputs before their sigmoid.
+    fn activations(&self, layers: &[Packed; 3], first: usize, count: usize) -> [PointMatrix; 4] {
         let sizes = self.sizes();
-        let rows = fresh(&self.points, [count, Row::new(sizes).width]);
-        let client = &rows.client;
-        let (cubes, dim) = units_for(client, count);
-        let [w1, b1, w2, b2, w3, b3] = self.weights.each_ref().map(buffer);
-        // SAFETY: as in `forward`.
+        let x = PointMatrix::fresh(&self.points, sizes.inputs() + 1, padded(count));
+        let client = &self.points.client;
+        let (cubes, dim) = units_for(client, x.points * x.rows);
+        // SAFETY: threads beyond the rows return at once; `colour_field` has checked the shapes.
         unsafe {
-            backward_kernel::launch_unchecked(
+            input_kernel::launch_unchecked(
                 client,
                 cubes,
                 dim,
@@ -163,23 +157,72 @@ impl Saved {
                 buffer(&self.points),
                 buffer(&self.directions),
                 self.extra(),
-                self.stretch(),
-                w1,
-                b1,
-                w2,
-                b2,
-                w3,
-                b3,
-                buffer(grad),
-                buffer(&rows),
-                buffer(geometry),
+                buffer(&x.data),
                 first as u32,
                 count as u32,
+                x.points as u32,
                 self.view_share(),
                 sizes,
             );
         }
-        rows
+        let h1 = layers[0].relu(&x);
+        let h2 = layers[1].relu(&h1);
+        let y = layers[2].apply(&h2);
+        [x, h1, h2, y]
+    }
+
+    /// Writes the geometry's gradient of `count` points from `first` on, and returns each layer's inputs
+    /// and its outputs' gradients.
+    fn backward(
+        &self,
+        [forward, back]: &[[Packed; 3]; 2],
+        grad: &CubeTensor,
+        d_geometry: &CubeTensor,
+        first: usize,
+        count: usize,
+    ) -> [(PointMatrix, PointMatrix); 3] {
+        let sizes = self.sizes();
+        let [x, h1, h2, d3] = self.activations(forward, first, count);
+        let across = x.points;
+        let client = &grad.client;
+        let (cubes, dim) = units_for(client, across * sizes.outputs);
+        // SAFETY: threads beyond the rows return at once.
+        unsafe {
+            outputs_kernel::launch_unchecked(
+                client,
+                cubes,
+                dim,
+                buffer(grad),
+                buffer(&d3.data),
+                first as u32,
+                count as u32,
+                across as u32,
+                sizes,
+            );
+        }
+        let d2 = back[2].gated(&d3, &h2);
+        let d1 = back[1].gated(&d2, &h1);
+        let dx = back[0].apply(&d1);
+        let (cubes, dim) = units_for(client, count);
+        // SAFETY: threads beyond the points return at once.
+        unsafe {
+            geometry_kernel::launch_unchecked(
+                client,
+                cubes,
+                dim,
+                buffer(&self.geometry),
+                buffer(&self.directions),
+                self.stretch(),
+                buffer(grad),
+                buffer(&dx.data),
+                buffer(d_geometry),
+                first as u32,
+                count as u32,
+                across as u32,
+                sizes,
+            );
+        }
+        [(x, d1), (h1, d2), (h2, d3)]
     }
 }
 
@@ -222,22 +265,17 @@ impl ColourFieldBackward for Cube {
     ) -> [FloatTensor<Self>; 7] {
         let grad = contiguous(grad);
         let (n, sizes) = (saved.points(), saved.sizes());
-        let row = Row::new(sizes);
         let geometry = fresh(&saved.points, [n, sizes.geometry]);
-        // Each layer's gradient, its input's first column and width.
-        let layers = [
-            (row.d1, sizes.hidden1, row.input, sizes.inputs()),
-            (row.d2, sizes.hidden2, row.h1, sizes.hidden1),
-            (row.d3, sizes.outputs, row.h2, sizes.hidden2),
-        ];
-        let mut weights = layers.map(|(_, a, _, b)| Sum::new(&saved.points, [a, b]));
-        let mut biases = layers.map(|(_, a, _, _)| Sum::new(&saved.points, [a]));
+        let [w1, _, w2, _, w3, _] = &saved.weights;
+        let layers = [saved.layers(), [w1, w2, w3].map(Packed::backward)];
+        let mut weights = [w1, w2, w3].map(|w| Sum::new(w, [w.shape()[0], w.shape()[1]]));
+        let mut biases = [w1, w2, w3].map(|w| Sum::new(w, [w.shape()[0]]));
         for (first, count) in chunks(n, CHUNK) {
-            let rows = saved.backward(&grad, &geometry, first, count);
-            for (l, (left, a, right, b)) in layers.into_iter().enumerate() {
-                let product = OuterSum::new(&rows, &rows).left_columns(left, a);
-                weights[l].add(product.clone().right_columns(right, b).compute([a, b]));
-                biases[l].add(product.right_columns(right + b, 1).compute([a]));
+            let parts = saved.backward(&layers, &grad, &geometry, first, count);
+            for (l, (inputs, d_outputs)) in parts.iter().enumerate() {
+                let (weight, bias) = layer_gradients(d_outputs, inputs);
+                weights[l].add(weight);
+                biases[l].add(bias);
             }
         }
         let [w1, w2, w3] = weights.map(Sum::value);

@@ -1,7 +1,10 @@
-//! The kernels: one thread per point, forward and backward.
+//! The kernels around the network's layers: one thread for each point and row.
+//!
+//! Matrices are [`gpu_tensors::PointMatrix`], `across` their points. With normals, backward's are twice
+//! as wide: beside a point's own column is a second one, of its normal's gradient.
 
-use gpu_tensors::{AtomicSum, cubecl, sigmoid, softplus};
-use hashgrid::cube::{Blend, blend, locate, scatter};
+use gpu_tensors::{AtomicSum, LANES, Quad, cubecl, sigmoid, softplus};
+use hashgrid::cube::{Blend, Pair, blend, locate, pair, scatter};
 
 use cubecl::prelude::*;
 
@@ -19,303 +22,321 @@ impl Sizes {
     pub(super) fn inputs(self) -> usize {
         3 + 2 * self.levels
     }
+
+    /// Rows of the Jacobian: by x, y and z for each feature.
+    pub(super) fn derivatives(self) -> usize {
+        if self.normal { 6 * self.levels } else { 1 }
+    }
 }
 
-/// Columns of the rows that backward leaves for each point: one, and with normals a second one.
+/// Encodes `count` points from `first` on into the network's inputs and a one, the bias' input; zeros
+/// beyond them. Where normals are wanted, also the Jacobian by the position in the unit cube.
 ///
-/// ```text
-/// first   dz | x,  1 | d_out  | a,          1
-/// second  u  | dg, 0 | 1, 0.. | du · slope, 0
-/// ```
-///
-/// so that the sums of outer products over all rows are `dW1 | db1` and `dW2 | db2`.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Row {
-    pub(super) hidden_gradient: usize,
-    pub(super) input: usize,
-    pub(super) output: usize,
-    pub(super) activation: usize,
-    pub(super) width: usize,
-    pub(super) per_point: usize,
+/// One thread for each point and level.
+#[cube(launch_unchecked)]
+pub(super) fn encode_kernel(
+    points: &[f32],
+    table: &[Pair],
+    levels: &[u32],
+    x: &mut [f32],
+    jacobian: &mut [f32],
+    first: u32,
+    count: u32,
+    across: u32,
+    stride: u32,
+    active: u32,
+    scale: f32,
+    #[comptime] sizes: Sizes,
+) {
+    let (count, across, stride) = (count as usize, across as usize, stride as usize);
+    let (point, level) = (ABSOLUTE_POS % across, ABSOLUTE_POS / across);
+    if level < comptime!(sizes.levels) {
+        let inside = point < count;
+        let from = (first as usize + min(point, count - 1)) * 3;
+        let (px, py, pz) = (points[from], points[from + 1], points[from + 2]);
+        if level == 0 {
+            x[point] = select(inside, px, 0.0f32);
+            x[stride + point] = select(inside, py, 0.0f32);
+            x[2 * stride + point] = select(inside, pz, 0.0f32);
+            x[comptime!(sizes.inputs()) * stride + point] = select(inside, 1.0f32, 0.0f32);
+        }
+        let mut value0 = 0.0f32;
+        let mut value1 = 0.0f32;
+        if level < active as usize {
+            let cell = locate(
+                px * scale + 0.5f32,
+                py * scale + 0.5f32,
+                pz * scale + 0.5f32,
+                levels,
+                level,
+                sizes.smooth,
+            );
+            let both = blend(&cell, table);
+            value0 = select(inside, both.value.extract(0usize), 0.0f32);
+            value1 = select(inside, both.value.extract(1usize), 0.0f32);
+            if comptime!(sizes.normal) {
+                let at = 6 * level * across + point;
+                jacobian[at] = both.x.extract(0usize);
+                jacobian[at + across] = both.y.extract(0usize);
+                jacobian[at + 2 * across] = both.z.extract(0usize);
+                jacobian[at + 3 * across] = both.x.extract(1usize);
+                jacobian[at + 4 * across] = both.y.extract(1usize);
+                jacobian[at + 5 * across] = both.z.extract(1usize);
+            }
+        }
+        let row = (3 + 2 * level) * stride + point;
+        x[row] = value0;
+        x[row + stride] = value1;
+    }
 }
 
-impl Row {
-    pub(super) fn new(sizes: Sizes) -> Self {
-        let input = sizes.hidden;
-        let output = input + sizes.inputs() + 1;
-        let activation = output + sizes.outputs;
-        Self {
-            hidden_gradient: 0,
-            input,
-            output,
-            activation,
-            width: activation + sizes.hidden + 1,
-            per_point: if sizes.normal { 2 } else { 1 },
+/// From the hidden layer to its activation, and to the sdf's derivative by the hidden layer.
+///
+/// One thread for each four points and hidden value; `across` counts fours.
+#[cube(launch_unchecked)]
+pub(super) fn activate_kernel(
+    z: &[Quad],
+    w2: &[f32],
+    activation: &mut [Quad],
+    derivative: &mut [Quad],
+    across: u32,
+    beta: f32,
+    #[comptime] sizes: Sizes,
+) {
+    let across = across as usize;
+    let hidden = comptime!(sizes.hidden);
+    let j = ABSOLUTE_POS / across;
+    if j < hidden {
+        let z = z[ABSOLUTE_POS];
+        let mut a = Quad::new(0.0f32);
+        let mut u = Quad::new(w2[j]);
+        #[unroll]
+        for lane in 0..LANES {
+            let z = beta * z.extract(lane);
+            a.insert(lane, softplus(z) / beta);
+            u.insert(lane, u.extract(lane) * sigmoid(z));
+        }
+        activation[ABSOLUTE_POS] = a;
+        if comptime!(sizes.normal) {
+            derivative[ABSOLUTE_POS] = u;
+        }
+        if j == 0 {
+            activation[hidden * across + ABSOLUTE_POS] = Quad::new(1.0f32);
         }
     }
 }
 
-/// Encodes a point into the network's input and, where normals are wanted, its Jacobian `[2 L, 3]`
-/// by the position in the unit cube.
-#[cube]
-fn encode(
-    points: &[f32],
-    point: usize,
-    table: &[f32],
-    levels: &[u32],
-    active: usize,
+/// Writes the results of `count` points: the network's outputs, and the normal from the sdf's derivative
+/// `g` by the inputs.
+///
+/// One thread per point.
+#[cube(launch_unchecked)]
+pub(super) fn finish_kernel(
+    y: &[f32],
+    g: &[f32],
+    jacobian: &[f32],
+    out: &mut [f32],
+    first: u32,
+    count: u32,
+    across: u32,
+    active: u32,
     scale: f32,
-    x: &mut Array<f32>,
-    jacobian: &mut Array<f32>,
     #[comptime] sizes: Sizes,
 ) {
-    let p = point * 3;
-    x[0] = points[p];
-    x[1] = points[p + 1];
-    x[2] = points[p + 2];
-    for level in 0..active {
+    let point = ABSOLUTE_POS;
+    if point < count as usize {
+        let across = across as usize;
+        let outputs = comptime!(sizes.outputs);
+        let at = (first as usize + point) * (outputs + 3);
+        for o in 0..outputs {
+            out[at + o] = y[o * across + point];
+        }
+        let mut nx = 0.0f32;
+        let mut ny = 0.0f32;
+        let mut nz = 0.0f32;
+        if comptime!(sizes.normal) {
+            for k in 0..2 * active as usize {
+                let by = g[(3 + k) * across + point];
+                let j = 3 * k * across + point;
+                nx += by * jacobian[j];
+                ny += by * jacobian[j + across];
+                nz += by * jacobian[j + 2 * across];
+            }
+            nx = g[point] + scale * nx;
+            ny = g[across + point] + scale * ny;
+            nz = g[2 * across + point] + scale * nz;
+        }
+        out[at + outputs] = nx;
+        out[at + outputs + 1] = ny;
+        out[at + outputs + 2] = nz;
+    }
+}
+
+/// The outputs' gradients of `count` points, zeros beyond them; and of the second columns, in which the
+/// sdf counts once.
+///
+/// One thread for each point and output.
+#[cube(launch_unchecked)]
+pub(super) fn outputs_kernel(
+    grad: &[f32],
+    d_outputs: &mut [f32],
+    first: u32,
+    count: u32,
+    across: u32,
+    stride: u32,
+    #[comptime] sizes: Sizes,
+) {
+    let (across, stride) = (across as usize, stride as usize);
+    let (point, o) = (ABSOLUTE_POS % across, ABSOLUTE_POS / across);
+    if o < comptime!(sizes.outputs) {
+        let mut value = 0.0f32;
+        let mut second = 0.0f32;
+        if point < count as usize {
+            value = grad[(first as usize + point) * comptime!(sizes.outputs + 3) + o];
+            second = select(o == 0, 1.0f32, 0.0f32);
+        }
+        d_outputs[o * stride + point] = value;
+        if comptime!(sizes.normal) {
+            d_outputs[o * stride + across + point] = second;
+        }
+    }
+}
+
+/// The second columns of the network's inputs: the gradients of `g`, which makes the normal.
+///
+/// One thread for each point and input, the bias' included.
+#[cube(launch_unchecked)]
+pub(super) fn normals_kernel(
+    grad: &[f32],
+    jacobian: &[f32],
+    x: &mut [f32],
+    first: u32,
+    count: u32,
+    across: u32,
+    active: u32,
+    scale: f32,
+    #[comptime] sizes: Sizes,
+) {
+    let across = across as usize;
+    let (point, k) = (ABSOLUTE_POS % across, ABSOLUTE_POS / across);
+    if k < comptime!(sizes.inputs() + 1) {
+        let mut value = 0.0f32;
+        if point < count as usize && k < 3 + 2 * active as usize {
+            let at =
+                (first as usize + point) * comptime!(sizes.outputs + 3) + comptime!(sizes.outputs);
+            if k < 3 {
+                value = grad[at + k];
+            } else {
+                let j = 3 * (k - 3) * across + point;
+                value = scale
+                    * (jacobian[j] * grad[at]
+                        + jacobian[j + across] * grad[at + 1]
+                        + jacobian[j + 2 * across] * grad[at + 2]);
+            }
+        }
+        x[(2 * k + 1) * across + point] = value;
+    }
+}
+
+/// The hidden layer on the way back; see the CPU kernel's backward for the chain rule. `z` becomes its
+/// gradient, and in second columns what it is multiplied with.
+///
+/// One thread for each four points and hidden value; `across` counts fours.
+#[cube(launch_unchecked)]
+pub(super) fn hidden_kernel(
+    z: &mut [Quad],
+    d_activation: &[Quad],
+    w2: &[f32],
+    activation: &mut [Quad],
+    across: u32,
+    beta: f32,
+    #[comptime] sizes: Sizes,
+) {
+    let across = across as usize;
+    let hidden = comptime!(sizes.hidden);
+    let (point, j) = (ABSOLUTE_POS % across, ABSOLUTE_POS / across);
+    if j < hidden {
+        let mut at = ABSOLUTE_POS;
+        let mut one = hidden * across + point;
+        if comptime!(sizes.normal) {
+            at = 2 * j * across + point;
+            one = 2 * hidden * across + point;
+        }
+        let scaled = Quad::new(beta) * z[at];
+        let mut slope = Quad::new(0.0f32);
+        let mut a = Quad::new(0.0f32);
+        #[unroll]
+        for lane in 0..LANES {
+            slope.insert(lane, sigmoid(scaled.extract(lane)));
+            a.insert(lane, softplus(scaled.extract(lane)) / beta);
+        }
+        let mut dz = d_activation[ABSOLUTE_POS] * slope;
+        activation[at] = a;
+        if comptime!(sizes.normal) {
+            let du = z[at + across];
+            let u = Quad::new(w2[j]) * slope;
+            dz += du * u * Quad::new(beta) * (Quad::new(1.0f32) - slope);
+            z[at + across] = u;
+            activation[at + across] = du * slope;
+        }
+        z[at] = dz;
+        if j == 0 {
+            activation[one] = Quad::new(1.0f32);
+            if comptime!(sizes.normal) {
+                activation[one + across] = Quad::new(0.0f32);
+            }
+        }
+    }
+}
+
+/// Adds the gradients of `count` points to the table's: `dx` of the features, and `g` in second columns.
+///
+/// One thread for each point and active level.
+#[cube(launch_unchecked)]
+pub(super) fn scatter_kernel<A: AtomicSum>(
+    points: &[f32],
+    levels: &[u32],
+    grad: &[f32],
+    dx: &[f32],
+    table: &[Atomic<A::Word>],
+    first: u32,
+    count: u32,
+    across: u32,
+    active: u32,
+    scale: f32,
+    #[comptime] sizes: Sizes,
+) {
+    let across = across as usize;
+    let (point, level) = (ABSOLUTE_POS % across, ABSOLUTE_POS / across);
+    if point < count as usize && level < active as usize {
+        let p = first as usize + point;
         let cell = locate(
-            x[0] * scale + 0.5f32,
-            x[1] * scale + 0.5f32,
-            x[2] * scale + 0.5f32,
+            points[3 * p] * scale + 0.5f32,
+            points[3 * p + 1] * scale + 0.5f32,
+            points[3 * p + 2] * scale + 0.5f32,
             levels,
             level,
             sizes.smooth,
         );
-        let both = blend(&cell, table);
-        x[3 + 2 * level] = both.value0;
-        x[4 + 2 * level] = both.value1;
+        let k = 3 + 2 * level;
+        let zero = Pair::new(0.0f32);
+        let mut d = Blend {
+            value: zero,
+            x: zero,
+            y: zero,
+            z: zero,
+        };
         if comptime!(sizes.normal) {
-            let at = 6 * level;
-            jacobian[at] = both.x0;
-            jacobian[at + 1] = both.y0;
-            jacobian[at + 2] = both.z0;
-            jacobian[at + 3] = both.x1;
-            jacobian[at + 4] = both.y1;
-            jacobian[at + 5] = both.z1;
+            let row = 2 * k * across + point;
+            d.value = pair(dx[row], dx[row + 2 * across]);
+            let g = Pair::new(scale) * pair(dx[row + across], dx[row + 3 * across]);
+            let at = p * comptime!(sizes.outputs + 3) + comptime!(sizes.outputs);
+            d.x = g * Pair::new(grad[at]);
+            d.y = g * Pair::new(grad[at + 1]);
+            d.z = g * Pair::new(grad[at + 2]);
+        } else {
+            d.value = pair(dx[k * across + point], dx[(k + 1) * across + point]);
         }
-    }
-}
-
-/// The product of a weight's row, from `start` on, with the first `count` inputs.
-#[cube]
-fn dot(weights: &[f32], start: usize, x: &Array<f32>, count: usize) -> f32 {
-    let mut sum = 0.0f32;
-    for k in 0..count {
-        sum += weights[start + k] * x[k];
-    }
-    sum
-}
-
-/// One thread per point.
-#[cube(launch_unchecked)]
-pub(super) fn forward_kernel(
-    points: &[f32],
-    table: &[f32],
-    levels: &[u32],
-    w1: &[f32],
-    b1: &[f32],
-    w2: &[f32],
-    b2: &[f32],
-    out: &mut [f32],
-    n: u32,
-    active: u32,
-    scale: f32,
-    beta: f32,
-    #[comptime] sizes: Sizes,
-) {
-    let point = ABSOLUTE_POS;
-    if point < n as usize {
-        let all = comptime!(sizes.inputs());
-        let hidden = comptime!(sizes.hidden);
-        let outputs = comptime!(sizes.outputs);
-        let active = active as usize;
-        let inputs = 3 + 2 * active;
-        let mut x = Array::<f32>::new(all);
-        let mut jacobian =
-            Array::<f32>::new(comptime!(if sizes.normal { 6 * sizes.levels } else { 1 }));
-        encode(
-            points,
-            point,
-            table,
-            levels,
-            active,
-            scale,
-            &mut x,
-            &mut jacobian,
-            sizes,
-        );
-        let mut value = Array::<f32>::new(outputs);
-        for o in 0..outputs {
-            value[o] = b2[o];
-        }
-        let mut g = Array::<f32>::new(all);
-        for j in 0..hidden {
-            let z = beta * (b1[j] + dot(w1, j * all, &x, inputs));
-            let a = softplus(z) / beta;
-            for o in 0..outputs {
-                value[o] += w2[o * hidden + j] * a;
-            }
-            if comptime!(sizes.normal) {
-                let u = w2[j] * sigmoid(z);
-                for k in 0..inputs {
-                    g[k] += w1[j * all + k] * u;
-                }
-            }
-        }
-        let at = point * (outputs + 3);
-        for o in 0..outputs {
-            out[at + o] = value[o];
-        }
-        #[unroll]
-        for axis in 0..3usize {
-            let mut normal = 0.0f32;
-            if comptime!(sizes.normal) {
-                for k in 0..2 * active {
-                    normal += g[3 + k] * jacobian[3 * k + axis];
-                }
-                normal = g[axis] + scale * normal;
-            }
-            out[at + outputs + axis] = normal;
-        }
-    }
-}
-
-/// One thread per point; see the CPU kernel's backward for the chain rule.
-#[cube(launch_unchecked)]
-pub(super) fn backward_kernel<A: AtomicSum>(
-    points: &[f32],
-    table: &[f32],
-    levels: &[u32],
-    w1: &[f32],
-    b1: &[f32],
-    w2: &[f32],
-    grad: &[f32],
-    rows: &mut [f32],
-    table_gradient: &[Atomic<A::Word>],
-    first: u32,
-    count: u32,
-    active: u32,
-    scale: f32,
-    beta: f32,
-    #[comptime] sizes: Sizes,
-    #[comptime] scattered: bool,
-) {
-    if ABSOLUTE_POS < count as usize {
-        let point = first as usize + ABSOLUTE_POS;
-        let row = comptime!(Row::new(sizes));
-        let all = comptime!(sizes.inputs());
-        let hidden = comptime!(sizes.hidden);
-        let outputs = comptime!(sizes.outputs);
-        let active = active as usize;
-        let inputs = 3 + 2 * active;
-        let mut x = Array::<f32>::new(all);
-        let mut jacobian =
-            Array::<f32>::new(comptime!(if sizes.normal { 6 * sizes.levels } else { 1 }));
-        encode(
-            points,
-            point,
-            table,
-            levels,
-            active,
-            scale,
-            &mut x,
-            &mut jacobian,
-            sizes,
-        );
-
-        let at = point * (outputs + 3);
-        let (nx, ny, nz) = (
-            grad[at + outputs],
-            grad[at + outputs + 1],
-            grad[at + outputs + 2],
-        );
-        let mut dg = Array::<f32>::new(all);
-        if comptime!(sizes.normal) {
-            dg[0] = nx;
-            dg[1] = ny;
-            dg[2] = nz;
-            for k in 0..2 * active {
-                let j = 3 * k;
-                dg[3 + k] =
-                    scale * (jacobian[j] * nx + jacobian[j + 1] * ny + jacobian[j + 2] * nz);
-            }
-        }
-
-        // The point's one or two rows.
-        let base = ABSOLUTE_POS * comptime!(row.per_point * row.width);
-        let second = base + comptime!(row.width);
-        let mut g = Array::<f32>::new(all);
-        let mut dx = Array::<f32>::new(all);
-        for j in 0..hidden {
-            let z = beta * (b1[j] + dot(w1, j * all, &x, inputs));
-            let a = softplus(z) / beta;
-            let slope = sigmoid(z);
-            let mut da = 0.0f32;
-            for o in 0..outputs {
-                da += w2[o * hidden + j] * grad[at + o];
-            }
-            let mut dz = da * slope;
-            if comptime!(sizes.normal) {
-                let w = w2[j];
-                let u = w * slope;
-                let du = dot(w1, j * all, &dg, inputs);
-                dz += du * u * beta * (1.0f32 - slope);
-                for k in 3..inputs {
-                    g[k] += w1[j * all + k] * u;
-                }
-                rows[second + j] = u;
-                rows[second + comptime!(row.activation) + j] = du * slope;
-            }
-            for k in 3..inputs {
-                dx[k] += w1[j * all + k] * dz;
-            }
-            rows[base + j] = dz;
-            rows[base + comptime!(row.activation) + j] = a;
-        }
-        for k in 0..all {
-            rows[base + comptime!(row.input) + k] = x[k];
-        }
-        rows[base + comptime!(row.input) + all] = 1.0f32;
-        rows[base + comptime!(row.activation) + hidden] = 1.0f32;
-        for o in 0..outputs {
-            rows[base + comptime!(row.output) + o] = grad[at + o];
-        }
-        if comptime!(sizes.normal) {
-            for k in 0..all {
-                rows[second + comptime!(row.input) + k] = dg[k];
-            }
-            rows[second + comptime!(row.input) + all] = 0.0f32;
-            rows[second + comptime!(row.activation) + hidden] = 0.0f32;
-            for o in 0..outputs {
-                rows[second + comptime!(row.output) + o] = select(o == 0, 1.0f32, 0.0f32);
-            }
-        }
-
-        if comptime!(scattered) {
-            for level in 0..active {
-                let cell = locate(
-                    x[0] * scale + 0.5f32,
-                    x[1] * scale + 0.5f32,
-                    x[2] * scale + 0.5f32,
-                    levels,
-                    level,
-                    sizes.smooth,
-                );
-                let k = 3 + 2 * level;
-                let (g0, g1) = (scale * g[k], scale * g[k + 1]);
-                let d = Blend {
-                    value0: dx[k],
-                    value1: dx[k + 1],
-                    x0: g0 * nx,
-                    y0: g0 * ny,
-                    z0: g0 * nz,
-                    x1: g1 * nx,
-                    y1: g1 * ny,
-                    z1: g1 * nz,
-                };
-                scatter::<A>(table_gradient, &cell, &d);
-            }
-        }
+        scatter::<A>(table, &cell, &d);
     }
 }

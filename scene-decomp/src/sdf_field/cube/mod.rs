@@ -1,24 +1,25 @@
-//! The op on the GPU: one thread per point.
+//! The op on the GPU: layers as products of blocks, and kernels around them; see [`kernels`].
 //!
 //! Backward keeps nothing but the inputs: it encodes again, which is cheaper than the memory that
-//! a Jacobian takes. A thread scatters its table gradient and leaves the rows whose outer products
-//! are the weights' gradients; see [`Row`].
+//! a Jacobian takes.
 
+mod gradients;
 mod kernels;
 
 use burn::backend::{Cube, TensorMetadata, tensor::FloatTensor};
 use gpu_tensors::{
-    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, OuterSum, buffer, contiguous, fresh,
-    has_native_sum, units_for, upload, zeros,
+    CubeTensor, LANES, Packed, PointMatrix, buffer, contiguous, fresh, padded, units_for, upload,
+    zeros,
 };
 use hashgrid::cube::{is_smooth, level_words};
 
 use super::backward::{DenseTable, SdfFieldBackward, SdfFieldGradients};
 use super::{Normal, SdfFieldConfig, SdfFieldOps};
-use crate::cube::{Sum, chunks};
-use kernels::{Row, Sizes, backward_kernel, forward_kernel};
+use crate::cube::chunks;
+use gradients::gradients;
+use kernels::{Sizes, activate_kernel, encode_kernel, finish_kernel};
 
-/// Points whose rows are in memory at once: at the default sizes 47 MB.
+/// Points whose activations are in memory at once: at the default sizes 80 MB on the way back.
 const CHUNK: usize = 32_768;
 
 /// What backward needs: the op's inputs.
@@ -53,101 +54,115 @@ impl Saved {
         }
     }
 
+    /// Inputs of the network that are not zero, the bias' aside.
+    fn active_inputs(&self) -> usize {
+        3 + 2 * self.config.active_levels
+    }
+
     fn scale(&self) -> f32 {
         0.5 / self.config.half_side
     }
 
     fn forward(&self) -> CubeTensor {
         let n = self.points.shape()[0];
-        let out = fresh(&self.points, [n, self.outputs() + 3]);
-        if n == 0 {
-            return out;
-        }
-        let client = &out.client;
-        let (count, dim) = units_for(client, n);
-        // SAFETY: threads beyond the points return at once; `level_words` has checked the levels,
-        // and `sdf_field` the shapes.
-        unsafe {
-            forward_kernel::launch_unchecked(
-                client,
-                count,
-                dim,
-                buffer(&self.points),
-                buffer(&self.table),
-                upload(client, &level_words(&self.config.layout)),
-                buffer(&self.w1),
-                buffer(&self.b1),
-                buffer(&self.w2),
-                buffer(&self.b2),
-                buffer(&out),
-                n as u32,
-                self.config.active_levels as u32,
-                self.scale(),
-                self.config.beta,
-                self.sizes(),
-            );
+        let sizes = self.sizes();
+        let out = fresh(&self.points, [n, sizes.outputs + 3]);
+        let hidden = Packed::forward(&self.w1, &self.b1);
+        let output = Packed::forward(&self.w2, &self.b2);
+        let back = Packed::backward(&self.w1);
+        for (first, count) in chunks(n, CHUNK) {
+            let across = padded(count);
+            let (x, jacobian) = self.encode(first, count, across);
+            let z = hidden.apply_first(&x, self.active_inputs());
+            let (activation, derivative) = self.activate(&z);
+            let y = output.apply(&activation);
+            let g = if sizes.normal {
+                back.first_outputs(&derivative, self.active_inputs())
+            } else {
+                // Not read.
+                derivative
+            };
+            let client = &out.client;
+            let (cubes, dim) = units_for(client, count);
+            // SAFETY: threads beyond the points return at once.
+            unsafe {
+                finish_kernel::launch_unchecked(
+                    client,
+                    cubes,
+                    dim,
+                    buffer(&y.data),
+                    buffer(&g.data),
+                    buffer(&jacobian.data),
+                    buffer(&out),
+                    first as u32,
+                    count as u32,
+                    across as u32,
+                    self.config.active_levels as u32,
+                    self.scale(),
+                    sizes,
+                );
+            }
         }
         out
     }
 
-    /// Scatters the gradients of `count` points from `first` on into `table`, if there is one, and
-    /// returns the rows that the weights' gradients are made of.
-    fn backward(
-        &self,
-        grad: &CubeTensor,
-        first: usize,
-        count: usize,
-        table: Option<&CubeTensor>,
-    ) -> CubeTensor {
+    /// The network's inputs at `count` points from `first` on, and their Jacobian; the inputs in rows of
+    /// `stride` points.
+    fn encode(&self, first: usize, count: usize, stride: usize) -> (PointMatrix, PointMatrix) {
         let sizes = self.sizes();
-        let row = Row::new(sizes);
-        let rows = fresh(&self.points, [count * row.per_point, row.width]);
-        if has_native_sum(&rows.client) {
-            self.launch_backward::<NativeSum>(grad, first, count, table, &rows);
-        } else {
-            self.launch_backward::<CompareAndSwap>(grad, first, count, table, &rows);
-        }
-        rows
-    }
-
-    fn launch_backward<A: AtomicSum>(
-        &self,
-        grad: &CubeTensor,
-        first: usize,
-        count: usize,
-        table: Option<&CubeTensor>,
-        rows: &CubeTensor,
-    ) {
-        let client = &rows.client;
-        let (cubes, dim) = units_for(client, count);
-        let sink = match table {
-            Some(table) => buffer(table),
-            None => upload(client, &[0.0f32]),
-        };
-        // SAFETY: as in `forward`; without a table the kernel has no scatter.
+        let across = padded(count);
+        let x = PointMatrix::fresh(&self.points, sizes.inputs() + 1, stride);
+        let jacobian = PointMatrix::fresh(&self.points, sizes.derivatives(), across);
+        let client = &self.points.client;
+        let (cubes, dim) = units_for(client, across * sizes.levels);
+        // SAFETY: threads beyond the levels return at once; `level_words` has checked the levels, and
+        // `sdf_field` the shapes.
         unsafe {
-            backward_kernel::launch_unchecked::<A>(
+            encode_kernel::launch_unchecked(
                 client,
                 cubes,
                 dim,
                 buffer(&self.points),
                 buffer(&self.table),
                 upload(client, &level_words(&self.config.layout)),
-                buffer(&self.w1),
-                buffer(&self.b1),
-                buffer(&self.w2),
-                buffer(grad),
-                buffer(rows),
-                sink,
+                buffer(&x.data),
+                buffer(&jacobian.data),
                 first as u32,
                 count as u32,
+                across as u32,
+                stride as u32,
                 self.config.active_levels as u32,
                 self.scale(),
-                self.config.beta,
-                self.sizes(),
-                table.is_some(),
+                sizes,
             );
         }
+        (x, jacobian)
+    }
+
+    /// The hidden layer's activation, and the sdf's derivative by the layer where normals are wanted.
+    fn activate(&self, z: &PointMatrix) -> (PointMatrix, PointMatrix) {
+        let sizes = self.sizes();
+        let activation = PointMatrix::fresh(&z.data, sizes.hidden + 1, z.points);
+        let rows = if sizes.normal { sizes.hidden } else { 1 };
+        let derivative = PointMatrix::fresh(&z.data, rows, z.points);
+        let client = &z.data.client;
+        let (cubes, dim) = units_for(client, z.points / LANES * sizes.hidden);
+        // SAFETY: threads beyond the rows return at once.
+        unsafe {
+            activate_kernel::launch_unchecked(
+                client,
+                cubes,
+                dim,
+                buffer(&z.data),
+                buffer(&self.w2),
+                buffer(&activation.data),
+                buffer(&derivative.data),
+                (z.points / LANES) as u32,
+                self.config.beta,
+                sizes,
+            );
+        }
+        (activation, derivative)
     }
 }
 
@@ -205,39 +220,5 @@ impl SdfFieldBackward for Cube {
             }
             None => gradients(&saved, &grad, None, None),
         }
-    }
-}
-
-fn gradients(
-    saved: &Saved,
-    grad: &CubeTensor,
-    sink: Option<&CubeTensor>,
-    table: Option<CubeTensor>,
-) -> SdfFieldGradients<Cube> {
-    let (hidden, outputs) = (saved.hidden(), saved.outputs());
-    let inputs = saved.w1.shape()[1];
-    let row = Row::new(saved.sizes());
-    let mut w1 = Sum::new(&saved.points, [hidden, inputs]);
-    let mut b1 = Sum::new(&saved.points, [hidden]);
-    let mut w2 = Sum::new(&saved.points, [outputs, hidden]);
-    let mut b2 = Sum::new(&saved.points, [outputs]);
-    for (first, count) in chunks(saved.points.shape()[0], CHUNK) {
-        let rows = saved.backward(grad, first, count, sink);
-        let product = |left: usize, a: usize, right: usize, b: usize| {
-            OuterSum::new(&rows, &rows)
-                .left_columns(left, a)
-                .right_columns(right, b)
-        };
-        w1.add(product(row.hidden_gradient, hidden, row.input, inputs).compute([hidden, inputs]));
-        b1.add(product(row.hidden_gradient, hidden, row.input + inputs, 1).compute([hidden]));
-        w2.add(product(row.output, outputs, row.activation, hidden).compute([outputs, hidden]));
-        b2.add(product(row.output, outputs, row.activation + hidden, 1).compute([outputs]));
-    }
-    SdfFieldGradients {
-        table,
-        w1: w1.value(),
-        b1: b1.value(),
-        w2: w2.value(),
-        b2: b2.value(),
     }
 }

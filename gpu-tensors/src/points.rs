@@ -1,0 +1,62 @@
+//! Matrices of values at many points, the way layers of a network want them.
+
+use burn_cubecl::cubecl::prelude::{Const, Vector};
+use burn_cubecl::tensor::CubeTensor;
+
+use crate::tensor::{fresh, zeros};
+
+/// Rows and points that one thread works on at once: both sides of [`PointMatrix`] are padded to
+/// multiples of it.
+pub const BLOCK: usize = 8;
+
+/// Four neighbouring numbers, read and written at once.
+pub type Quad = Vector<f32, Const<4>>;
+
+/// Numbers in a [`Quad`].
+pub const LANES: usize = 4;
+
+/// [`Quad`]s in a block.
+pub(crate) const QUADS: usize = BLOCK / LANES;
+
+/// A row for each value and a column for each point: neighbouring threads, which take neighbouring
+/// points, read neighbouring memory.
+///
+/// Rows and points are padded to whole blocks, so that kernels need no bounds. What is in the padding
+/// is up to who fills the matrix, as long as it is finite where products are summed over points.
+#[derive(Clone, Debug)]
+pub struct PointMatrix {
+    /// `[padded(rows), points]`, row-major.
+    pub data: CubeTensor,
+    /// Rows in use.
+    pub rows: usize,
+    /// Points, padding included.
+    pub points: usize,
+}
+
+impl PointMatrix {
+    /// A matrix of arbitrary content where `like` is; `points` must be padded already.
+    #[must_use]
+    pub fn fresh(like: &CubeTensor, rows: usize, points: usize) -> Self {
+        Self {
+            data: fresh(like, [padded(rows), points]),
+            rows,
+            points,
+        }
+    }
+
+    /// A matrix of zeros.
+    #[must_use]
+    pub fn zeros(like: &CubeTensor, rows: usize, points: usize) -> Self {
+        Self {
+            data: zeros(like, [padded(rows), points]),
+            rows,
+            points,
+        }
+    }
+}
+
+/// `count` rounded up to whole blocks.
+#[must_use]
+pub const fn padded(count: usize) -> usize {
+    count.next_multiple_of(BLOCK)
+}
