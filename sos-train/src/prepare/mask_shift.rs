@@ -103,8 +103,8 @@ mod tests {
             let (found, expected) = (shifted(&disc(radius), by), disc(radius + by));
             let off = found.pixels().zip(expected.pixels());
             let off = off.filter(|(a, b)| a != b).count();
-            // Pixels along the outline, of some 2 pi r.
-            assert!(off < 40, "{radius} {by}: {off}");
+            // Of some 120 pixels along the outline, those whose centre it passes closely.
+            assert!(off < 60, "{radius} {by}: {off}");
         }
     }
 
