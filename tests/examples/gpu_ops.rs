@@ -83,7 +83,7 @@ impl Case {
 
 /// Waits for a tensor: data is fetched when its values are asked for.
 fn wait<const D: usize>(tensor: Tensor<D>) {
-    let values = tensor.slice([0..1]).into_data().try_to_vec::<f32>();
+    let values = tensor.slice(0..1).into_data().try_to_vec::<f32>();
     assert!(values.is_ok_and(|values| !values.is_empty()), "no values");
 }
 

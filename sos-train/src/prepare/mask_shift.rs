@@ -45,14 +45,14 @@ fn squared_distance(inside: &[bool], kind: bool, width: usize, reach: u32) -> Ve
         let mut since = vec![reach; width];
         for row in 0..height {
             let y = if upwards { height - 1 - row } else { row };
-            for x in 0..width {
+            for (x, since) in since.iter_mut().enumerate() {
                 let i = y * width + x;
-                since[x] = if inside[i] == kind {
+                *since = if inside[i] == kind {
                     0
                 } else {
-                    (since[x] + 1).min(reach)
+                    (*since + 1).min(reach)
                 };
-                along[i] = along[i].min(since[x]);
+                along[i] = along[i].min(*since);
             }
         }
     }
