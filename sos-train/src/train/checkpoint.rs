@@ -210,13 +210,15 @@ impl Trainer {
     /// # Errors
     /// When the checkpoint cannot be read.
     pub fn recover(&mut self, run: &RunFolder, data: &Prepared) -> anyhow::Result<()> {
-        let scale = self.rate_scale;
+        let (scale, shifts) = (self.rate_scale, self.mask_shifts.clone());
         if run.checkpoint_dir().exists() {
             self.load(run)?;
         } else {
             *self = Self::new(&self.config().clone(), data)?;
         }
         self.rate_scale = 0.5 * scale;
+        // The masks stay where they have been moved.
+        self.mask_shifts = shifts;
         Ok(())
     }
 }
