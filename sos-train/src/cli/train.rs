@@ -179,6 +179,8 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
     if let Some(dir) = &masks_dir {
         refuse_hints(args.click.is_some(), args.object_box.is_some(), dir)?;
     }
+    let ignored = plan.ignore.as_deref();
+    let ignored = ignored.map(|dir| find_ignored(dir, &scene)).transpose()?;
     // Notes on scene and masks are left to training, which has more of them.
     if let Some(hint) = hint {
         screen.note(&hint);
@@ -197,9 +199,6 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
         polarity,
         imported_from.as_deref(),
     );
-    let ignore = plan.ignore.clone();
-    let ignored = ignore.as_deref().map(|dir| find_ignored(dir, &scene));
-    let ignored = ignored.transpose()?;
     let config = plan.config.settled(&scene.model);
     let record = RunRecord::new(config.clone(), input).to_toml()?;
     if args.resume || demo {
