@@ -50,6 +50,7 @@ pub mod cli;
 pub mod config;
 pub mod device;
 pub mod discover;
+mod distance;
 pub mod doctor;
 pub mod error;
 pub mod export;

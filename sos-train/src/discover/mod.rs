@@ -27,7 +27,7 @@ use crate::prepare::outline::{outline, silhouette};
 use crate::prepare::votes::ViewTrust;
 use crate::prepare::{Prepared, TrainView};
 use crate::train::Trainer;
-use crate::train::carve::depth::{DepthPicture, depth_pictures};
+use crate::train::carve::depth::depth_pictures;
 use crate::train::carve::fusion::fuse;
 
 pub use hint::Hint;
@@ -81,7 +81,7 @@ pub fn find_object(
         }
         progress(trainer.step_number(), config.steps);
     }
-    let depths = scene_depths(&trainer, &data);
+    let depths = depth_pictures(&trainer.freeze_before(), &data, RAYS);
     let solid = fuse(&data, &depths, &data.map, 0.5);
     let cameras: Vec<Vec3> = data
         .views
@@ -170,13 +170,4 @@ fn search_scene(
         points: Vec::new(),
         notes: Vec::new(),
     })
-}
-
-fn scene_depths(trainer: &Trainer, data: &Prepared) -> Vec<DepthPicture> {
-    let mut scene = trainer.freeze();
-    // As it was a step ago: all space is the background's.
-    scene.step = trainer.step_number().saturating_sub(1);
-    let pixels: usize = data.outlines.iter().map(|o| o.candidates.len()).sum();
-    let stride = (pixels as f32 / RAYS as f32).sqrt().ceil().max(1.0) as u32;
-    depth_pictures(&scene, data, stride)
 }

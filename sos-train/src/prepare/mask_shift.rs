@@ -2,24 +2,15 @@
 
 use image::GrayImage;
 
+use crate::distance::signed_distance;
+
 /// Distances in pixels from the centre of each pixel to the mask's outline, row-major: positive
 /// outside, cut off at `reach`.
 #[must_use]
 pub fn outline_distance(mask: &GrayImage, reach: u32) -> Vec<f32> {
     let inside: Vec<bool> = mask.pixels().map(|p| p.0[0] >= 128).collect();
-    let width = mask.width() as usize;
-    let outward = squared_distance(&inside, true, width, reach);
-    let inward = squared_distance(&inside, false, width, reach);
-    // The outline runs halfway between the last pixel inside and the first outside.
-    let half = |squared: f32| (squared.sqrt() - 0.5).min(reach as f32);
-    inside
-        .iter()
-        .zip(outward.iter().zip(&inward))
-        .map(|(inside, (outward, inward))| match inside {
-            true => -half(*inward),
-            false => half(*outward),
-        })
-        .collect()
+    let shape = [mask.width() as usize, mask.height() as usize];
+    signed_distance(&inside, &shape, reach as usize)
 }
 
 /// The mask with its outline `by` pixels farther out; farther in where that is negative.
@@ -33,46 +24,6 @@ pub fn shifted(mask: &GrayImage, by: f32) -> GrayImage {
     GrayImage::from_raw(mask.width(), mask.height(), values).unwrap_or_else(|| mask.clone())
 }
 
-/// Squared distance to the nearest pixel that is `kind`, columns first and then rows, within `reach`
-/// (Felzenszwalb and Huttenlocher 2012, within a window).
-fn squared_distance(inside: &[bool], kind: bool, width: usize, reach: u32) -> Vec<f32> {
-    let reach = reach as usize + 1;
-    let far = (reach * reach) as f32;
-    let height = inside.len().checked_div(width).unwrap_or(0);
-    // Along columns: pixels since the last one of the kind, from above and from below.
-    let mut along = vec![reach; inside.len()];
-    for upwards in [false, true] {
-        let mut since = vec![reach; width];
-        for row in 0..height {
-            let y = if upwards { height - 1 - row } else { row };
-            for (x, since) in since.iter_mut().enumerate() {
-                let i = y * width + x;
-                *since = if inside[i] == kind {
-                    0
-                } else {
-                    (*since + 1).min(reach)
-                };
-                along[i] = along[i].min(*since);
-            }
-        }
-    }
-    let mut squared = Vec::with_capacity(inside.len());
-    for row in along.chunks(width.max(1)) {
-        let columns: Vec<f32> = row.iter().map(|d| (d * d) as f32).collect();
-        squared.extend((0..width).map(|x| {
-            let first = x.saturating_sub(reach);
-            let window = &columns[first..(x + reach + 1).min(width)];
-            let offset = first as f32 - x as f32;
-            window
-                .iter()
-                .enumerate()
-                .map(|(k, d)| d + (k as f32 + offset).powi(2))
-                .fold(far, f32::min)
-        }));
-    }
-    squared
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -83,18 +34,6 @@ mod tests {
             let r = (x as f32 - 40.0).hypot(y as f32 - 33.0);
             Luma([if r < radius { 255 } else { 0 }])
         })
-    }
-
-    #[test]
-    fn a_disc_has_its_distance() {
-        for (i, distance) in outline_distance(&disc(20.0), 12).into_iter().enumerate() {
-            let r = ((i % 90) as f32 - 40.0).hypot((i / 90) as f32 - 33.0);
-            let expected = (r - 20.0).clamp(-12.0, 12.0);
-            assert!(
-                (distance - expected).abs() < 1.0,
-                "{i}: {distance} {expected}"
-            );
-        }
     }
 
     #[test]

@@ -66,7 +66,7 @@ impl TrainView {
         }
     }
 
-    /// Whether a pixel is not to be learned from; those outside are.
+    /// Whether a pixel of the photo is not to be learned from.
     #[must_use]
     pub fn ignores(&self, x: u32, y: u32) -> bool {
         let at = self

@@ -36,9 +36,12 @@ impl DepthPicture {
     }
 }
 
-/// Where half of each ray's light has come from, for the pixels that may show the object.
+/// Where half of each ray's light has come from, for the pixels that may show the object; about `rays` in
+/// all views together, on a raster.
 #[must_use]
-pub fn depth_pictures(scene: &FrozenScene, data: &Prepared, stride: u32) -> Vec<DepthPicture> {
+pub fn depth_pictures(scene: &FrozenScene, data: &Prepared, rays: usize) -> Vec<DepthPicture> {
+    let pixels: usize = data.outlines.iter().map(|o| o.candidates.len()).sum();
+    let stride = (pixels as f32 / rays as f32).sqrt().ceil().max(1.0) as u32;
     let limit = (255.0 * scene.config.prepare.hull_threshold * 0.5) as u8;
     data.views
         .iter()

@@ -10,7 +10,7 @@
 use scene_decomp::SurfaceVotes;
 use scene_decomp::probability::ProbabilityMap;
 
-use super::depth::{DepthPicture, depth_picture};
+use super::depth::{DepthPicture, depth_picture, depth_pictures};
 use crate::prepare::mask_shift::outline_distance;
 use crate::prepare::{Prepared, TrainView};
 use crate::render::rays::FrozenScene;
@@ -46,9 +46,7 @@ impl Trainer {
         if !due {
             return None;
         }
-        let mut scene = self.freeze();
-        // As it was a step ago, with all space BaCo's.
-        scene.step = self.step - 1;
+        let scene = self.freeze_before();
         let mut total = vec![0.0; data.views.len()];
         let mut map = self.votes.map(&data.map);
         for _ in 0..ROUNDS {
@@ -56,7 +54,11 @@ impl Trainer {
                 break;
             };
             data.shift_masks(&shifts, &config.prepare, config.loss.ignore_band);
-            self.votes = cast(data, &super::depths(&scene, data), map.resolution());
+            self.votes = cast(
+                data,
+                &depth_pictures(&scene, data, super::RAYS),
+                map.resolution(),
+            );
             map = self.votes.map(&data.map);
             for (total, shift) in total.iter_mut().zip(shifts) {
                 *total += shift;

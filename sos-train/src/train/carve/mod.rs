@@ -6,8 +6,8 @@
 //! depths seen from all views are fused into a signed distance ([`fusion`]), and FoCoR starts from
 //! there ([`fit`]); BaCo is cropped, and both go on together.
 
+pub mod crumbs;
 pub mod depth;
-pub mod distance;
 pub mod fit;
 pub mod fusion;
 pub mod mask_fit;
@@ -15,32 +15,30 @@ pub mod mask_fit;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::Trainer;
+use crate::distance::signed_distance;
 use crate::prepare::Prepared;
 use crate::render::rays::FrozenScene;
-use depth::DepthPicture;
 
 /// Rays whose depths are fused, in all views together, at most.
 const RAYS: usize = 300_000;
+/// Euclidean distances up to this many voxels are told apart.
+const REACH: usize = 8;
 /// Parts with less than this share of the largest one's voxels are crumbs.
 const SMALLEST_PART: f32 = 0.01;
 
 impl Trainer {
     /// Ends BaCo's time alone: m^P from the votes, FoCoR's shape from BaCo's depths.
     pub(super) fn carve(&mut self, data: &Prepared) {
-        let mut scene = self.freeze();
-        // As it was a step ago, with all space BaCo's.
-        scene.step = self.step - 1;
-        let depths = depths(&scene, data);
-        drop(scene);
+        let depths = depth::depth_pictures(&self.freeze_before(), data, RAYS);
         self.map = self.votes.map(&data.map);
         let resolution = self.map.resolution();
         let crop = self.context.config.prepare.crop_threshold;
         let fused = fusion::fuse(data, &depths, &self.map, crop);
         // The object is what is solid and on its side of m^P.
         let mut inside: Vec<bool> = fused.iter().map(|distance| *distance < 0.0).collect();
-        distance::keep_large_parts(&mut inside, resolution, SMALLEST_PART);
+        crumbs::keep_large_parts(&mut inside, resolution, SMALLEST_PART);
         let voxel = 2.0 / resolution as f32;
-        let distances: Vec<f32> = distance::signed_distance(&inside, resolution)
+        let distances: Vec<f32> = signed_distance(&inside, &[resolution; 3], REACH)
             .into_iter()
             .map(|d| d * voxel)
             .collect();
@@ -49,17 +47,19 @@ impl Trainer {
             .collect();
         let shape = fit::Shape {
             distance: ProbabilityMap::new(resolution, distances),
-            truncation: distance::REACH as f32 * voxel,
+            truncation: REACH as f32 * voxel,
             near,
         };
         self.fit_object(data, &shape);
         self.grids.allow(&self.map, crop);
     }
-}
 
-/// Depths of all views, as densely as [`RAYS`] allows.
-fn depths(scene: &FrozenScene, data: &Prepared) -> Vec<DepthPicture> {
-    let pixels: usize = data.outlines.iter().map(|o| o.candidates.len()).sum();
-    let stride = (pixels as f32 / RAYS as f32).sqrt().ceil().max(1.0) as u32;
-    depth::depth_pictures(scene, data, stride)
+    /// The scene as it was a step ago: just before the carving, with all space BaCo's.
+    pub(crate) fn freeze_before(&self) -> FrozenScene {
+        let scene = self.freeze();
+        FrozenScene {
+            step: scene.step.saturating_sub(1),
+            ..scene
+        }
+    }
 }
