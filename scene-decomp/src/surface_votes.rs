@@ -11,6 +11,8 @@ use rayon::prelude::*;
 
 use crate::probability::ProbabilityMap;
 
+mod tipping_point;
+
 /// Votes on the voxels of the cube `[-1, 1]^3`, x fastest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SurfaceVotes {
@@ -80,10 +82,13 @@ impl SurfaceVotes {
     /// m^P: the share of votes for the object in and around each voxel, `prior` where there are
     /// none.
     ///
+    /// Shares are given as probabilities: one of `tipping_point` as one half, others as the odds
+    /// shift with it. With 0.5 they stay what they are.
+    ///
     /// # Panics
     /// When the prior has another resolution.
     #[must_use]
-    pub fn map(&self, prior: &ProbabilityMap) -> ProbabilityMap {
+    pub fn map(&self, prior: &ProbabilityMap, tipping_point: f32) -> ProbabilityMap {
         let n = self.resolution;
         assert_eq!(
             prior.resolution(),
@@ -104,8 +109,18 @@ impl SurfaceVotes {
             .par_iter()
             .zip(&total)
             .zip(prior.values())
-            .map(|((object, total), prior)| {
-                (object + PRIOR_WEIGHT * prior) / (total + PRIOR_WEIGHT)
+            .map(|((&object, &total), prior)| {
+                let (for_it, against) = (
+                    object * (1.0 - tipping_point),
+                    (total - object) * tipping_point,
+                );
+                let odds = for_it + against;
+                let voted = if odds > 0.0 {
+                    total * for_it / odds
+                } else {
+                    0.0
+                };
+                (voted + PRIOR_WEIGHT * prior) / (total + PRIOR_WEIGHT)
             })
             .collect();
         ProbabilityMap::new(n, values)
@@ -188,7 +203,7 @@ mod tests {
         let n = 64;
         let prior = ProbabilityMap::new(n, vec![0.9; n * n * n]);
         let mut votes = SurfaceVotes::new(n);
-        assert_eq!(votes.map(&prior), prior);
+        assert_eq!(votes.map(&prior, 0.5), prior);
         // A floor z = 0 that all views call background but one in five.
         for x in -20..20 {
             for y in -20..20 {
@@ -198,7 +213,7 @@ mod tests {
                 }
             }
         }
-        let map = votes.map(&prior);
+        let map = votes.map(&prior, 0.5);
         let on = map.at(Vec3::new(0.0, 0.0, 0.03));
         assert!((on - 0.2).abs() < 0.02, "{on}");
         // Just below the floor nobody sees anything: the floor's side.
@@ -206,6 +221,9 @@ mod tests {
         assert!((below - 0.2).abs() < 0.1, "{below}");
         let far = map.at(Vec3::new(0.0, 0.0, 0.95));
         assert!(far > 0.8, "{far}");
+        // One view in five is enough where masks hardly ever call anything else object.
+        let on = votes.map(&prior, 0.2).at(Vec3::new(0.0, 0.0, 0.03));
+        assert!((on - 0.5).abs() < 0.03, "{on}");
     }
 
     #[test]
@@ -216,9 +234,9 @@ mod tests {
         votes.add(Vec3::ZERO, 3.0, true);
         votes.add(Vec3::ZERO, 1.0, false);
         votes.add(Vec3::splat(2.0), 1.0, false);
-        let before = votes.map(&prior).at(Vec3::splat(0.06));
+        let before = votes.map(&prior, 0.5).at(Vec3::splat(0.06));
         votes.fade(0.5);
-        let after = votes.map(&prior).at(Vec3::splat(0.06));
+        let after = votes.map(&prior, 0.5).at(Vec3::splat(0.06));
         assert!((before - 0.75).abs() < 0.01 && (after - before).abs() < 0.01);
         let [object, total] = votes.values().map(<[f32]>::to_vec);
         assert_eq!(SurfaceVotes::from_values(n, object, total), Some(votes));

@@ -2,8 +2,8 @@
 
 use super::TrainConfig;
 use super::sections::{
-    AlphaSource, Blend, ColourLoss, ExportConfig, Fields, Interpolation, LossConfig, ModelConfig,
-    PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
+    AlphaSource, Blend, ColourLoss, ExportConfig, Fields, Interpolation, LossConfig, Majority,
+    ModelConfig, PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
 };
 use serde::{Deserialize, Serialize};
 
@@ -59,6 +59,7 @@ fn default() -> TrainConfig {
             background: Transparency::Density,
             alpha: AlphaSource::Opacity,
             probability: ProbabilitySource::Surface,
+            majority: Majority::Fitted,
             blend: Blend::Sample,
         },
         loss: LossConfig {
@@ -178,6 +179,7 @@ fn paper() -> TrainConfig {
             background: Transparency::Sdf,
             alpha: AlphaSource::Head,
             probability: ProbabilitySource::Hull,
+            majority: Majority::Half,
             blend: Blend::Ray,
         },
         loss: LossConfig {

@@ -80,6 +80,16 @@ pub enum ProbabilitySource {
     Surface,
 }
 
+/// From which share of its votes on a place is the object's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Majority {
+    /// More than half.
+    Half,
+    /// As many as masks that err to one side more often than to the other call for.
+    Fitted,
+}
+
 /// `[model]`: the fields and how their colours meet.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -113,6 +123,8 @@ pub struct ModelConfig {
     pub alpha: AlphaSource,
     /// Who says which part of space is the object's; without both fields it is the hull.
     pub probability: ProbabilitySource,
+    /// From which share of its votes on a place is the object's.
+    pub majority: Majority,
     /// How the two fields become one colour.
     pub blend: Blend,
 }

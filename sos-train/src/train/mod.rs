@@ -291,7 +291,7 @@ impl Trainer {
         let due = schedule::progress(config, self.step) >= config.schedule.votes_start;
         if due && self.step >= schedule::carve_step(config) && self.step.is_multiple_of(VOTES_EVERY)
         {
-            self.map = self.votes.map(&data.map);
+            self.map = self.probability(data);
             self.grids.allow(&self.map, config.prepare.crop_threshold);
         }
         if self.step.is_multiple_of(VOTES_EVERY) {

@@ -287,7 +287,8 @@ fn train(
     // Time in which the run was paused.
     let mut paused = Duration::ZERO;
     while trainer.step_number() < config.steps {
-        if let Some(note) = trainer.fit_masks(data) {
+        let fitted = trainer.fit_masks(data);
+        for note in fitted.into_iter().chain(trainer.majority_note()) {
             progress.note(&note);
             log.note(trainer.step_number(), &note)?;
         }

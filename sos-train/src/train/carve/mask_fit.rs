@@ -48,7 +48,7 @@ impl Trainer {
         }
         let scene = self.freeze_before();
         let mut total = vec![0.0; data.views.len()];
-        let mut map = self.votes.map(&data.map);
+        let mut map = self.probability(data);
         for _ in 0..ROUNDS {
             let Some(shifts) = errors(&scene, data, &map, config.prepare.crop_threshold) else {
                 break;
@@ -59,7 +59,7 @@ impl Trainer {
                 &depth_pictures(&scene, data, super::RAYS),
                 map.resolution(),
             );
-            map = self.votes.map(&data.map);
+            map = self.probability(data);
             for (total, shift) in total.iter_mut().zip(shifts) {
                 *total += shift;
             }

@@ -14,7 +14,8 @@ pub mod mask_fit;
 
 use scene_decomp::probability::ProbabilityMap;
 
-use super::Trainer;
+use super::{Trainer, schedule};
+use crate::config::Majority;
 use crate::distance::signed_distance;
 use crate::prepare::Prepared;
 use crate::render::rays::FrozenScene;
@@ -25,12 +26,11 @@ const RAYS: usize = 300_000;
 const REACH: usize = 8;
 /// Parts with less than this share of the largest one's voxels are crumbs.
 const SMALLEST_PART: f32 = 0.01;
-
 impl Trainer {
     /// Ends BaCo's time alone: m^P from the votes, FoCoR's shape from BaCo's depths.
     pub(super) fn carve(&mut self, data: &Prepared) {
         let depths = depth::depth_pictures(&self.freeze_before(), data, RAYS);
-        self.map = self.votes.map(&data.map);
+        self.map = self.probability(data);
         let resolution = self.map.resolution();
         let crop = self.context.config.prepare.crop_threshold;
         let fused = fusion::fuse(data, &depths, &self.map, crop);
@@ -52,6 +52,38 @@ impl Trainer {
         };
         self.fit_object(data, &shape);
         self.grids.allow(&self.map, crop);
+    }
+
+    /// m^P by the votes so far.
+    pub(super) fn probability(&self, data: &Prepared) -> ProbabilityMap {
+        self.votes.map(&data.map, self.tipping_point())
+    }
+
+    /// The share of its votes from which on a place is the object's.
+    fn tipping_point(&self) -> f32 {
+        match self.context.config.model.majority {
+            Majority::Half => 0.5,
+            Majority::Fitted => self.votes.tipping_point(),
+        }
+    }
+
+    /// Just before the carving, what masks tell of how they err, for people; `None` if to both sides alike.
+    #[must_use]
+    pub fn majority_note(&self) -> Option<String> {
+        let config = &self.context.config;
+        if self.step == 0 || self.step != schedule::carve_step(config) {
+            return None;
+        }
+        let tipping = self.tipping_point();
+        let how = match tipping {
+            t if t < 0.5 => "lose parts of the object more often than they include others",
+            t if t > 0.5 => "include others more often than they lose parts of the object",
+            _ => return None,
+        };
+        Some(format!(
+            "masks {how}: a place is the object's from {:.0} % of its votes on",
+            100.0 * tipping
+        ))
     }
 
     /// The scene as it was a step ago: just before the carving, with all space BaCo's.
