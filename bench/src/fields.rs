@@ -24,10 +24,11 @@ const CALLS: usize = 15;
 
 /// Work of one point.
 #[derive(Clone, Copy, Debug)]
-struct Cost {
+pub(crate) struct Cost {
     /// Operations, a multiply-add counting two.
-    flops: f64,
-    bytes: f64,
+    pub(crate) flops: f64,
+    /// To and from memory.
+    pub(crate) bytes: f64,
 }
 
 /// One op in one direction.
@@ -48,7 +49,7 @@ pub(crate) struct OpFigures {
 }
 
 /// Sizes that the costs depend on.
-struct Sizes {
+pub(crate) struct OpSizes {
     levels: f64,
     hashed: f64,
     inputs: f64,
@@ -66,7 +67,31 @@ const SIGMOID: f64 = 20.0;
 const VALUE: f64 = 4.0;
 const LINE: f64 = 64.0;
 
-impl Sizes {
+impl OpSizes {
+    /// FoCoR's at the paper's sizes.
+    pub(crate) fn new(layout: &GridLayout) -> Self {
+        let levels = layout.levels.len() as f64;
+        Self {
+            levels,
+            hashed: layout.levels.iter().filter(|l| l.hashed).count() as f64,
+            inputs: 3.0 + 2.0 * levels,
+            hidden: 64.0,
+            outputs: 13.0,
+            colour_inputs: 22.0,
+            colours: 4.0,
+        }
+    }
+
+    /// Of the sdf field forward and backward, and the colour field forward and backward.
+    pub(crate) fn all(&self) -> [Cost; 4] {
+        [
+            self.forward(),
+            self.backward(),
+            self.colour_forward(),
+            self.colour_backward(),
+        ]
+    }
+
     /// Encoding with its derivative: positions within cells, and two features blended, each with
     /// seven interpolations for the value and as much again for the gradient.
     fn encoding(&self) -> f64 {
@@ -79,7 +104,7 @@ impl Sizes {
     }
 
     fn forward(&self) -> Cost {
-        let Sizes {
+        let OpSizes {
             inputs,
             hidden,
             outputs,
@@ -98,7 +123,7 @@ impl Sizes {
     }
 
     fn backward(&self) -> Cost {
-        let Sizes {
+        let OpSizes {
             inputs,
             hidden,
             outputs,
@@ -166,28 +191,20 @@ fn ops(peaks: &Peaks, device: &Device, one_core: bool) -> Vec<OpFigures> {
     surface.grid.table = surface.grid.table.set_require_grad(false);
     let gradient = SparseGrad::new(&layout);
     let levels = layout.levels.len();
-    let sizes = Sizes {
-        levels: levels as f64,
-        hashed: layout.levels.iter().filter(|l| l.hashed).count() as f64,
-        inputs: 3.0 + 2.0 * levels as f64,
-        hidden: 64.0,
-        outputs: 13.0,
-        colour_inputs: 22.0,
-        colours: 4.0,
-    };
+    let [forward, backward, colour_forward, colour_backward] = OpSizes::new(&layout).all();
     let (points, directions) = ray_points();
     let cases: [(&str, &Stopwatch, Cost); 4] = [
-        ("sdf field forward", &sdf_field::FORWARD, sizes.forward()),
-        ("sdf field backward", &sdf_field::BACKWARD, sizes.backward()),
+        ("sdf field forward", &sdf_field::FORWARD, forward),
+        ("sdf field backward", &sdf_field::BACKWARD, backward),
         (
             "colour field forward",
             &colour_field::FORWARD,
-            sizes.colour_forward(),
+            colour_forward,
         ),
         (
             "colour field backward",
             &colour_field::BACKWARD,
-            sizes.colour_backward(),
+            colour_backward,
         ),
     ];
     let mut times = vec![Vec::new(); cases.len()];

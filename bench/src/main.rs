@@ -6,6 +6,7 @@
 //! - `equal.rs`: a step at the paper's sizes, sample for sample that of PyTorch;
 //! - `steps.rs`: steps of the default preset as a run does them, on the demo scene;
 //! - `phases.rs`: where a step's time goes;
+//! - `predict.rs`: the least time of that step on a device that is not at hand;
 //! - `torch.rs`, `torch_step.py`: the same step in PyTorch;
 //! - `report.rs`: all of it as a table or as JSON.
 
@@ -13,6 +14,7 @@ mod equal;
 mod fields;
 mod peaks;
 mod phases;
+mod predict;
 mod report;
 mod scene;
 mod steps;
@@ -26,6 +28,7 @@ use clap::Parser;
 use sos_train::device::choose;
 
 use equal::Sizes;
+use predict::{Prediction, Rates};
 use report::{Comparison, Report};
 
 // As in `sos`.
@@ -54,6 +57,9 @@ struct Options {
     /// Steps of the default preset; 0 leaves them out.
     #[arg(long, default_value_t = 400, value_name = "N")]
     default_steps: u32,
+    /// Measure nothing: say what a device of these rates could reach at best, as in 67000,4800.
+    #[arg(long, value_name = "GFLOPS,GBS")]
+    predict: Option<Rates>,
 }
 
 /// Rays of a step at the paper's sizes, and samples on each.
@@ -74,6 +80,15 @@ fn main() -> ExitCode {
 }
 
 fn run(options: &Options) -> Result<()> {
+    if let Some(rates) = options.predict {
+        let prediction = Prediction::new(rates, RAYS * SAMPLES);
+        if options.json {
+            println!("{}", serde_json::to_string(&prediction)?);
+        } else {
+            println!("{prediction}");
+        }
+        return Ok(());
+    }
     let threads = rayon::current_num_threads();
     let device = choose(&options.device)?.device;
     let say = |what: &str| eprintln!("measuring {what} …");
