@@ -249,6 +249,10 @@ pub(super) fn refuse_hints(click: bool, object_box: bool, masks: &Path) -> Resul
 
 /// The run's folder with the demo scene in it.
 fn prepare_demo(args: &TrainArgs, plan: &Plan, screen: &Progress) -> anyhow::Result<RunFolder> {
+    // Said before the scene is drawn.
+    if let (Some(masks), _) = mask_folder(&plan.masks, &RunFolder::scene_in(&plan.out), true) {
+        refuse_hints(args.click.is_some(), args.object_box.is_some(), &masks)?;
+    }
     let was_ours = owns_scene(&plan.out);
     let run = folder(args, &plan.out)?;
     run.begin()?;

@@ -360,6 +360,12 @@ fn what_would_go_unheard_is_refused() {
             let arguments = [&[command][..], &masks, &hint].concat();
             refused(dir.path(), &arguments, &[hint[0], "--masks none"]);
         }
+        // The demo has masks, and is not drawn first.
+        refused(
+            dir.path(),
+            &[&["train"][..], &hint].concat(),
+            &[hint[0], "--masks none"],
+        );
     }
     fs::write(dir.path().join("file"), "").unwrap();
     refused(dir.path(), &["demo-scene", "file"], &["file", "choose"]);
