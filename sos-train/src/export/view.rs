@@ -9,6 +9,7 @@ use exr::prelude::{
 };
 use image::GrayImage;
 use png::{BitDepth, ColorType};
+use rayon::prelude::*;
 use std::collections::HashMap;
 use std::io::{self, BufWriter, Cursor, Write as _};
 use std::path::{Path, PathBuf};
@@ -96,7 +97,7 @@ pub fn write_view(run: &RunFolder, view: &ViewRender) -> Result<(), ExportError>
     use BitDepth::{Eight, Sixteen};
     use ColorType::{Grayscale, Rgb, Rgba};
     use Meaning::{Colour, Data};
-    for (folder, picture) in [
+    let pictures = [
         (
             run.alpha_dir(),
             picture(Grayscale, Sixteen, Data, ALPHA, &alpha),
@@ -114,11 +115,18 @@ pub fn write_view(run: &RunFolder, view: &ViewRender) -> Result<(), ExportError>
             picture(Grayscale, Eight, Data, SEEN, &view.seen),
         ),
         (run.normal_dir(), picture(Rgb, Eight, Data, NORMAL, &normal)),
-    ] {
-        picture.write(run, &view_file(&folder, &view.name, "png"))?;
-    }
-    let path = view_file(&run.depth_dir(), &view.name, "exr");
-    Ok(run.write(&path, |out| write_depth(out, view))?)
+    ];
+    let depth = view_file(&run.depth_dir(), &view.name, "exr");
+    let (pictures, depth) = rayon::join(
+        || {
+            pictures.par_iter().try_for_each(|(folder, picture)| {
+                picture.write(run, &view_file(folder, &view.name, "png"))
+            })
+        },
+        || run.write(&depth, |out| write_depth(out, view)),
+    );
+    pictures?;
+    Ok(depth?)
 }
 
 /// Writes a rough mask that the run found by itself.

@@ -15,6 +15,9 @@ const LEAST_ALPHA: f32 = 1e-3;
 /// How far around the object the plate is taken from BaCo instead of the photo, in pixels.
 const PLATE_REACH: i32 = 3;
 
+/// In the list of pixels' rays, a pixel without one.
+const NO_RAY: u32 = u32::MAX;
+
 /// Renders view `index`.
 #[must_use]
 pub fn render_view(
@@ -51,10 +54,10 @@ pub fn render_view(
     let visible: Vec<u32> = (0..width * height)
         .filter(|&i| alpha[i as usize] > LEAST_ALPHA || ignored(i))
         .collect();
-    let (mut hits, mut rays): (Vec<Option<usize>>, _) = (vec![None; pixels], Vec::new());
+    let (mut hits, mut rays) = (vec![NO_RAY; pixels], Vec::new());
     for &i in &grown(&visible, width, height, PLATE_REACH) {
         if let Some(ray) = ray_at(centre(i)) {
-            hits[i as usize] = Some(rays.len());
+            hits[i as usize] = rays.len() as u32;
             rays.push(ray);
         }
     }
@@ -76,12 +79,13 @@ pub fn render_view(
     let all = data.views.len().min(255) as u8;
     for i in 0..pixels {
         let photo = photo_colour(view.photo.as_raw(), i);
-        let Some(k) = hits[i] else {
+        let k = hits[i] as usize;
+        if hits[i] == NO_RAY {
             out.foreground[i] = photo.to_array();
             out.background[i] = photo.to_array();
             out.seen[i] = all;
             continue;
-        };
+        }
         let hit = &rendered[k];
         let share = if ignored(i as u32) { 1.0 } else { reach[i] };
         let plate = photo.lerp(hit.background, share);

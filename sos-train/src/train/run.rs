@@ -33,8 +33,9 @@ const EMPTY_LIMIT: u32 = 200;
 /// How often a diverged run is set back before it is given up.
 const RESTORE_LIMIT: u32 = 4;
 /// Views rendered at once: while one is compressed the other keeps the cores busy, and no more than
-/// two need room.
+/// two need room. Of large ones a single one does: each takes some 100 bytes a pixel.
 const VIEWS_AT_ONCE: usize = 2;
+const LARGE_PIXELS: u64 = 4_000_000;
 /// Rays whose mattes are followed to see how much still changes.
 const PROBES: usize = 1024;
 
@@ -415,7 +416,9 @@ fn export(
     let survey_seconds = seconds();
     let stage = progress.stage("rendering mattes and plates", data.views.len());
     let indices: Vec<usize> = (0..data.views.len()).collect();
-    for pair in indices.chunks(VIEWS_AT_ONCE) {
+    let pixels = |view: &TrainView| u64::from(view.width()) * u64::from(view.height());
+    let large = data.views.iter().any(|view| pixels(view) > LARGE_PIXELS);
+    for pair in indices.chunks(if large { 1 } else { VIEWS_AT_ONCE }) {
         if job.interrupt.load(Ordering::Relaxed) {
             return Ok(false);
         }
