@@ -110,13 +110,11 @@ impl SurfaceVotes {
             .zip(&total)
             .zip(prior.values())
             .map(|((&object, &total), prior)| {
-                let (for_it, against) = (
-                    object * (1.0 - tipping_point),
-                    (total - object) * tipping_point,
-                );
-                let odds = for_it + against;
-                let voted = if odds > 0.0 {
-                    total * for_it / odds
+                let for_it = object * (1.0 - tipping_point);
+                let against = (total - object) * tipping_point;
+                let both = for_it + against;
+                let voted = if both > 0.0 {
+                    total * for_it / both
                 } else {
                     0.0
                 };

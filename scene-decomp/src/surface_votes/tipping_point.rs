@@ -27,17 +27,20 @@ impl SurfaceVotes {
     pub fn tipping_point(&self) -> f32 {
         let voted = |cell: usize| self.total[cell] > NOTHING;
         let share = |cell: usize| f64::from(self.object[cell]) / f64::from(self.total[cell]);
+        // Where most say object, and around it: all else is far from any outline.
+        let most: Vec<f32> = (0..self.total.len())
+            .map(|cell| f32::from(u8::from(voted(cell) && share(cell) > 0.5)))
+            .collect();
+        let near = spread(&most, self.resolution, AROUND);
+        let near: Vec<usize> = (0..near.len())
+            .filter(|&cell| near[cell] > NOTHING && voted(cell))
+            .collect();
         let mut tipping = 0.5;
         for _ in 0..ROUNDS {
-            let is_object = |cell: usize| voted(cell) && share(cell) > tipping;
-            let object: Vec<f32> = (0..self.total.len())
-                .map(|cell| f32::from(u8::from(is_object(cell))))
-                .collect();
-            let near = spread(&object, self.resolution, AROUND);
             // Votes for and in all, on the object and around it.
             let mut sums = [[0.0f64; 2]; 2];
-            for cell in (0..near.len()).filter(|&c| near[c] > NOTHING && voted(c)) {
-                let [votes, all] = &mut sums[usize::from(object[cell] == 0.0)];
+            for &cell in &near {
+                let [votes, all] = &mut sums[usize::from(share(cell) <= tipping)];
                 *votes += f64::from(self.object[cell]);
                 *all += f64::from(self.total[cell]);
             }

@@ -159,7 +159,7 @@ impl Trainer {
         let config = self.context.config.clone();
         let schedule = self.schedule();
         let both = config.model.fields == Fields::Both;
-        if both && self.step == schedule::carve_step(&config) && self.step > 0 {
+        if self.is_carving_due() {
             self.carve(data);
         }
         self.clock.begin();

@@ -14,7 +14,7 @@ use super::depth::{DepthPicture, depth_picture, depth_pictures};
 use crate::prepare::mask_shift::outline_distance;
 use crate::prepare::{Prepared, TrainView};
 use crate::render::rays::FrozenScene;
-use crate::train::{Trainer, schedule};
+use crate::train::Trainer;
 
 /// Rays along the masks' outlines whose depths are looked at, in all views together, at most.
 const RAYS: usize = 300_000;
@@ -39,11 +39,7 @@ impl Trainer {
     /// where geometry says they are. Returns what was done, for people; `None` if nothing.
     pub fn fit_masks(&mut self, data: &mut Prepared) -> Option<String> {
         let config = self.config().clone();
-        let due = config.prepare.fit_masks
-            && self.step > 0
-            && self.step == schedule::carve_step(&config)
-            && !schedule::background_alone(&config, self.step);
-        if !due {
+        if !config.prepare.fit_masks || !self.is_carving_due() {
             return None;
         }
         let scene = self.freeze_before();

@@ -15,7 +15,7 @@ pub mod mask_fit;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::{Trainer, schedule};
-use crate::config::Majority;
+use crate::config::{Fields, Majority};
 use crate::distance::signed_distance;
 use crate::prepare::Prepared;
 use crate::render::rays::FrozenScene;
@@ -26,6 +26,7 @@ const RAYS: usize = 300_000;
 const REACH: usize = 8;
 /// Parts with less than this share of the largest one's voxels are crumbs.
 const SMALLEST_PART: f32 = 0.01;
+
 impl Trainer {
     /// Ends BaCo's time alone: m^P from the votes, FoCoR's shape from BaCo's depths.
     pub(super) fn carve(&mut self, data: &Prepared) {
@@ -54,6 +55,14 @@ impl Trainer {
         self.grids.allow(&self.map, crop);
     }
 
+    /// Whether the next step begins with the carving.
+    pub(super) fn is_carving_due(&self) -> bool {
+        let config = &self.context.config;
+        config.model.fields == Fields::Both
+            && self.step > 0
+            && self.step == schedule::carve_step(config)
+    }
+
     /// m^P by the votes so far.
     pub(super) fn probability(&self, data: &Prepared) -> ProbabilityMap {
         self.votes.map(&data.map, self.tipping_point())
@@ -70,8 +79,7 @@ impl Trainer {
     /// Just before the carving, what masks tell of how they err, for people; `None` if to both sides alike.
     #[must_use]
     pub fn majority_note(&self) -> Option<String> {
-        let config = &self.context.config;
-        if self.step == 0 || self.step != schedule::carve_step(config) {
+        if !self.is_carving_due() {
             return None;
         }
         let tipping = self.tipping_point();
