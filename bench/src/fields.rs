@@ -64,7 +64,7 @@ const SOFTPLUS: f64 = 40.0;
 /// Of a sigmoid.
 const SIGMOID: f64 = 20.0;
 /// Bytes of a value, and of a cache line.
-const VALUE: f64 = 4.0;
+pub(crate) const VALUE: f64 = 4.0;
 const LINE: f64 = 64.0;
 
 impl OpSizes {

@@ -11,11 +11,10 @@ use anyhow::{Context as _, ensure};
 use hashgrid::{GridConfig, GridLayout};
 use serde::Serialize;
 
-use crate::fields::{Cost, OpSizes};
+use crate::fields::{Cost, OpSizes, VALUE};
 
 /// Values that the table optimiser reads and writes for each entry: the entry, its gradient, two moments.
 const OPTIMISER_VALUES: f64 = 8.0;
-const VALUE: f64 = 4.0;
 
 /// A device's rates, as in its data sheet.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -51,7 +50,7 @@ pub(crate) struct Prediction {
     rates: Rates,
     samples: usize,
     gflop: f64,
-    table_gb: f64,
+    ops_gb: f64,
     optimiser_gb: f64,
     arithmetic_ms: f64,
     traffic_ms: f64,
@@ -69,16 +68,16 @@ impl Prediction {
         let sum = |of: fn(&Cost) -> f64| 2.0 * samples as f64 * ops.iter().map(of).sum::<f64>();
         let values = (layout.entries() * grid.features) as f64;
         let gflop = 1e-9 * sum(|cost| cost.flops);
-        let table_gb = 1e-9 * sum(|cost| cost.bytes);
+        let ops_gb = 1e-9 * sum(|cost| cost.bytes);
         let optimiser_gb = 1e-9 * 2.0 * values * OPTIMISER_VALUES * VALUE;
         let arithmetic_ms = 1e3 * gflop / rates.gflops;
-        let traffic_ms = 1e3 * (table_gb + optimiser_gb) / rates.gbs;
+        let traffic_ms = 1e3 * (ops_gb + optimiser_gb) / rates.gbs;
         let step_ms = arithmetic_ms.max(traffic_ms);
         Self {
             rates,
             samples,
             gflop,
-            table_gb,
+            ops_gb,
             optimiser_gb,
             arithmetic_ms,
             traffic_ms,
@@ -103,7 +102,7 @@ impl fmt::Display for Prediction {
         writeln!(
             f,
             "    traffic     {:8.2} GB of the ops, {:.2} GB of the optimiser  {:8.3} ms",
-            self.table_gb, self.optimiser_gb, self.traffic_ms
+            self.ops_gb, self.optimiser_gb, self.traffic_ms
         )?;
         write!(
             f,
