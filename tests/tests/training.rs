@@ -262,3 +262,28 @@ fn the_object_is_found_without_masks() {
     go_on.store(true, Ordering::Relaxed);
     assert!(find(&Hint::Nothing).unwrap().is_none());
 }
+
+#[test]
+fn curvature_is_what_its_weight_lowers() {
+    let folder = tempfile::tempdir().unwrap();
+    let left_over = |weight: &str| {
+        let mut config = small_config(300);
+        config.apply_override("schedule.carve=0").unwrap();
+        let setting = format!("loss.curvature={weight}");
+        config.apply_override(&setting).unwrap();
+        let data = prepared(&folder.path().join(weight), &config);
+        let mut trainer = Trainer::new(&config, &data).unwrap();
+        let mut last = Vec::new();
+        while trainer.step_number() < config.steps {
+            let losses = trainer.step(&data).losses;
+            if trainer.step_number() > config.steps - 50 {
+                last.push(losses.curvature);
+            }
+        }
+        last.iter().sum::<f32>() / last.len() as f32
+    };
+    // Too little to matter, so that it is only measured.
+    let (free, held) = (left_over("0.000001"), left_over("0.1"));
+    assert!(free.is_finite() && free > 0.0);
+    assert!(held < 0.7 * free, "{held} after {free}");
+}

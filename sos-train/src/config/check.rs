@@ -161,6 +161,7 @@ impl TrainConfig {
             ("loss.sparsity", loss.sparsity),
             ("loss.mask", loss.mask),
             ("loss.points", loss.points),
+            ("loss.curvature", loss.curvature),
             ("loss.distortion", loss.distortion),
             ("loss.far", loss.far),
             ("loss.hidden", loss.hidden),

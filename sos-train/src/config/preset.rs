@@ -79,6 +79,7 @@ fn default() -> TrainConfig {
             far: 0.005,
             hidden: 0.05,
             points: 0.0,
+            curvature: 0.0,
             background: 1.0,
             // As in Semantic-NeRF.
             semantic: 0.04,

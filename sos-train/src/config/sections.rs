@@ -177,6 +177,8 @@ pub struct LossConfig {
     pub hidden: f32,
     /// Weight of distance = 0 at sparse points on the object.
     pub points: f32,
+    /// Weight of normals that differ between neighbouring places of the object.
+    pub curvature: f32,
     /// Weight of the background's own colour loss outside the masks.
     pub background: f32,
     /// Weight of the cross entropy between a semantic field's share and the coarse masks.

@@ -15,6 +15,7 @@ pub mod sampler;
 pub mod schedule;
 pub mod semantic;
 pub mod setup;
+mod shape_losses;
 pub mod step;
 pub mod visible;
 

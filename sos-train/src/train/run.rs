@@ -353,6 +353,7 @@ fn train(
                     ("sparsity".to_owned(), losses.sparsity),
                     ("mask".to_owned(), losses.mask),
                     ("points".to_owned(), losses.points),
+                    ("curvature".to_owned(), losses.curvature),
                     ("distortion".to_owned(), losses.distortion),
                     ("far".to_owned(), losses.far),
                     ("hidden".to_owned(), losses.hidden),

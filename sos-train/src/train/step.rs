@@ -6,28 +6,20 @@ use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 use glam::Vec3;
 use hashgrid::{GridLayout, SparseGrad};
-use losses::{
-    ColourLoss, PointPenalty, SparsityForm, background_loss, eikonal_loss_of_lengths, mask_loss,
-    point_loss, sparsity_loss,
-};
+use losses::{ColourLoss, background_loss, eikonal_loss_of_lengths, mask_loss};
 use neus_render::composite::{self, column};
-use rand::RngExt;
 use scene_decomp::colour_field::{Reading, RowConfig};
 use scene_decomp::{Scene, Sharpness};
 
 use super::batch::{FieldSamples, MarchedBatch};
 use super::blend::blend;
 use super::distortion::Spread;
-use super::sampler::{RayBatch, step_random};
+use super::sampler::RayBatch;
 use super::semantic;
+use super::shape_losses::Shape;
 use super::visible::composite_config;
 use crate::config::{self, Blend, Fields, TrainConfig, Transparency};
 use crate::prepare::Label;
-
-/// Points of the box that the sparsity loss looks at in each step.
-const SPARSITY_POINTS: usize = 512;
-/// Sparse points that each step asks for.
-const SURFACE_POINTS: usize = 256;
 
 /// What is fixed over a run.
 #[derive(Clone, Debug)]
@@ -84,6 +76,8 @@ pub struct StepLosses {
     pub mask: f32,
     /// Sparse points.
     pub points: f32,
+    /// Curvature.
+    pub curvature: f32,
     /// Distortion.
     pub distortion: f32,
     /// Light from far away.
@@ -95,7 +89,7 @@ pub struct StepLosses {
 }
 
 /// Rows of a list as a tensor without gradient.
-fn constant(values: &[f32], columns: usize, device: &Device) -> Tensor<2> {
+pub(super) fn constant(values: &[f32], columns: usize, device: &Device) -> Tensor<2> {
     let rows = values.len().checked_div(columns).unwrap_or(0);
     Tensor::from_data(TensorData::new(values.to_vec(), [rows, columns]), device)
 }
@@ -267,20 +261,20 @@ pub fn loss(
         let part = eikonal_loss_of_lengths(normal_lengths(object), None);
         add(part, weights.eikonal, &mut losses.eikonal);
     }
+    let shape = Shape {
+        context,
+        scene,
+        schedule,
+    };
     if weights.sparsity > 0.0 && surface {
-        let points = unseen_points(config.seed, schedule.step);
-        let sdf = object_sdf(context, scene, schedule, &points);
-        let part = sparsity_loss(sdf, weights.sparsity_tau, SparsityForm::Plain, None);
-        add(part, weights.sparsity, &mut losses.sparsity);
+        add(shape.sparsity(), weights.sparsity, &mut losses.sparsity);
     }
     if weights.points > 0.0 && surface && !context.points.is_empty() {
-        let mut random = step_random(context.config.seed ^ 0x0901_4720, schedule.step);
-        let chosen: Vec<f32> = (0..SURFACE_POINTS)
-            .flat_map(|_| context.points[random.random_range(0..context.points.len())].to_array())
-            .collect();
-        let sdf = object_sdf(context, scene, schedule, &chosen);
-        let part = point_loss(sdf, PointPenalty::L1, None);
-        add(part, weights.points, &mut losses.points);
+        add(shape.sparse_points(), weights.points, &mut losses.points);
+    }
+    if weights.curvature > 0.0 && surface {
+        let part = shape.curvature(&marched.object.points);
+        add(part, weights.curvature, &mut losses.curvature);
     }
     if !marched.background.is_empty() && config.model.background == Transparency::Sdf {
         let part = eikonal_loss_of_lengths(normal_lengths(background), None);
@@ -292,36 +286,6 @@ pub fn loss(
 
 fn scalar(tensor: &Tensor<1>) -> f32 {
     tensor.clone().into_scalar::<f32>()
-}
-
-/// Random points of the box, `[SPARSITY_POINTS * 3]`: mostly where no ray ever looks.
-///
-/// Samples of rays will not do: those that light reaches lie before the surface, and keeping them
-/// off it would wear the object away.
-fn unseen_points(seed: u64, step: u32) -> Vec<f32> {
-    let mut random = step_random(seed ^ 0x05ba_25e0, step);
-    (0..3 * SPARSITY_POINTS)
-        .map(|_| random.random_range(-1.0..1.0))
-        .collect()
-}
-
-/// FoCoR's distance at `points` `[n * 3]`, `[n]`.
-fn object_sdf(
-    context: &StepContext,
-    scene: &Scene,
-    schedule: StepSchedule,
-    points: &[f32],
-) -> Tensor<1> {
-    let geometry = scene.object.geometry(
-        constant(points, 3, &context.device),
-        scene.object.sdf_config(
-            &context.object_layout,
-            schedule.active_levels,
-            Some(context.object_gradient.clone()),
-        ),
-    );
-    let n = points.len() / 3;
-    geometry.slice([0..n, 0..1]).reshape([n])
 }
 
 /// The normals' lengths in rows of samples, `[m]`.

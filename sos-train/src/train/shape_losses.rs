@@ -1,0 +1,111 @@
+//! What is asked of FoCoR's distance beside the photos, at places of its own choosing.
+
+use burn::Tensor;
+use glam::Vec3;
+use losses::{PointPenalty, SparsityForm, curvature_loss, point_loss, sparsity_loss};
+use rand::{Rng, RngExt};
+use scene_decomp::Scene;
+
+use super::sampler::step_random;
+use super::step::{StepContext, StepSchedule, constant};
+
+/// Points of the box that the sparsity loss looks at in each step.
+const SPARSITY_POINTS: usize = 512;
+/// Sparse points that each step asks for.
+const SURFACE_POINTS: usize = 256;
+/// Samples whose normals are compared with a neighbour's in each step.
+const CURVATURE_POINTS: usize = 512;
+
+/// FoCoR at one step.
+#[derive(Clone, Copy)]
+pub(super) struct Shape<'a> {
+    pub(super) context: &'a StepContext,
+    pub(super) scene: &'a Scene,
+    pub(super) schedule: StepSchedule,
+}
+
+impl Shape<'_> {
+    /// L_sparsity at random points of the box: mostly where no ray ever looks.
+    ///
+    /// Samples of rays will not do: those that light reaches lie before the surface, and keeping them
+    /// off it would wear the object away.
+    pub(super) fn sparsity(self) -> Tensor<1> {
+        let mut random = self.random(0x05ba_25e0);
+        let points: Vec<f32> = (0..3 * SPARSITY_POINTS)
+            .map(|_| random.random_range(-1.0..1.0))
+            .collect();
+        let tau = self.context.config.loss.sparsity_tau;
+        sparsity_loss(self.distances(&points), tau, SparsityForm::Plain, None)
+    }
+
+    /// How far some of the object's sparse points are from the surface; of which there must be one.
+    pub(super) fn sparse_points(self) -> Tensor<1> {
+        let mut random = self.random(0x0901_4720);
+        let points = &self.context.points;
+        let chosen: Vec<f32> = (0..SURFACE_POINTS)
+            .flat_map(|_| points[random.random_range(0..points.len())].to_array())
+            .collect();
+        point_loss(self.distances(&chosen), PointPenalty::L1, None)
+    }
+
+    /// How much normals differ between some of `samples` `[m * 3]`, not empty, and points a finest cell
+    /// away from them in any direction: as cells become smaller, so does what it smooths.
+    pub(super) fn curvature(self, samples: &[f32]) -> Tensor<1> {
+        let mut random = self.random(0x0c07_a7e5);
+        let levels = &self.context.object_layout.levels;
+        let finest = &levels[self.schedule.active_levels.clamp(1, levels.len()) - 1];
+        // The box is 2 wide.
+        let step = 2.0 / finest.resolution as f32;
+        let n = samples.len() / 3;
+        let mut points = Vec::with_capacity(6 * CURVATURE_POINTS);
+        let mut neighbours = Vec::with_capacity(3 * CURVATURE_POINTS);
+        for _ in 0..CURVATURE_POINTS {
+            let i = random.random_range(0..n);
+            let point = Vec3::from_slice(&samples[3 * i..3 * i + 3]);
+            let neighbour = point + step * any_direction(&mut random);
+            points.extend(point.to_array());
+            neighbours.extend(neighbour.clamp(Vec3::NEG_ONE, Vec3::ONE).to_array());
+        }
+        points.append(&mut neighbours);
+        let geometry = self.geometry(&points);
+        let [rows, columns] = geometry.dims();
+        let normals = geometry.slice([0..rows, columns - 3..columns]);
+        let [here, there] = [0..CURVATURE_POINTS, CURVATURE_POINTS..rows]
+            .map(|rows| normals.clone().slice([rows, 0..3]));
+        curvature_loss(here, there, None)
+    }
+
+    /// Distances at `points` `[n * 3]`, `[n]`.
+    fn distances(self, points: &[f32]) -> Tensor<1> {
+        let n = points.len() / 3;
+        self.geometry(points).slice([0..n, 0..1]).reshape([n])
+    }
+
+    /// Distance, features and gradient at `points` `[n * 3]`, `[n, 1 + G + 3]`.
+    fn geometry(self, points: &[f32]) -> Tensor<2> {
+        let object = &self.scene.object;
+        object.geometry(
+            constant(points, 3, &self.context.device),
+            object.sdf_config(
+                &self.context.object_layout,
+                self.schedule.active_levels,
+                Some(self.context.object_gradient.clone()),
+            ),
+        )
+    }
+
+    fn random(self, stream: u64) -> impl Rng + use<> {
+        step_random(self.context.config.seed ^ stream, self.schedule.step)
+    }
+}
+
+/// A unit vector, all being as likely.
+fn any_direction(random: &mut impl Rng) -> Vec3 {
+    loop {
+        let v = Vec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)));
+        let squared = v.length_squared();
+        if (1e-6..1.0).contains(&squared) {
+            return v / squared.sqrt();
+        }
+    }
+}
