@@ -5,6 +5,7 @@
 //! `sos doctor` failed, 130 after Ctrl-C with a checkpoint saved, and 1 for a fault in here.
 
 mod ablate;
+mod answer;
 mod args;
 mod capture;
 mod degrade;
@@ -23,7 +24,9 @@ pub use args::{
     HullArgs, ImportArgs, RenderArgs, ReportArgs, SettingArgs, Sos, TrainArgs,
 };
 
+use crate::devices::Devices;
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
+use answer::Voice;
 use clap::Parser as _;
 use std::io::Write as _;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
@@ -74,14 +77,16 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Degrade(args) => degrade::write(args).map(|()| EXIT_OK),
         Command::Ablate(args) => ablate::ablate(args),
         Command::Report(args) => evaluate::report(args).map(|()| EXIT_OK),
-        Command::Devices => {
-            answer(&crate::device::list());
-            Ok(EXIT_OK)
-        }
+        Command::Devices { json } => devices(*json).map(|()| EXIT_OK),
         Command::Completions { shell } => manual::completions(*shell).map(|()| EXIT_OK),
         Command::Man { out } => manual::pages(out.as_deref()).map(|()| EXIT_OK),
-        Command::DemoScene { out } => input::write_demo(out).map(|()| EXIT_OK),
+        Command::DemoScene { out, json } => input::write_demo(out, *json).map(|()| EXIT_OK),
     }
+}
+
+fn devices(json: bool) -> anyhow::Result<()> {
+    let devices = Devices::find();
+    Voice::of(json, false).answer(&devices, &devices.to_string())
 }
 
 /// Keeps panics off the screen: `run` reports them. With RUST_BACKTRACE they are shown as usual
@@ -111,11 +116,6 @@ fn bug(what: &str) -> String {
 
 fn complain(text: &str) {
     let _ = writeln!(std::io::stderr(), "error: {text}");
-}
-
-/// Prints a result. A reader that has gone, as in `sos eval … | head`, is no error.
-fn answer(text: &str) {
-    let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
 }
 
 /// The command as the user types it; a wrapper such as `cargo xtask` says how it was called.

@@ -1,7 +1,5 @@
 //! Where to compute: what a name of the command line stands for on this machine.
 
-use std::fmt::Write as _;
-
 use burn::tensor::Device;
 
 use crate::prepare::error::PrepareError;
@@ -64,20 +62,6 @@ pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
     }
 }
 
-/// What `sos devices` prints: everything this build can compute on, with the limits that matter.
-#[must_use]
-pub fn list() -> String {
-    let threads = rayon::current_num_threads();
-    let mut text = format!("cpu    {threads} threads (backends: flex, ndarray)\n");
-    write_cuda(&mut text);
-    write_gpus(&mut text);
-    match choose("auto") {
-        Ok(chosen) => _ = writeln!(text, "auto takes: {}", chosen.name),
-        Err(error) => _ = writeln!(text, "auto: {error}"),
-    }
-    text
-}
-
 fn cpu(backend: &str, device: Device) -> ChosenDevice {
     ChosenDevice {
         device,
@@ -91,8 +75,11 @@ fn cuda() -> Option<ChosenDevice> {
     None
 }
 
+/// NVIDIA's GPUs; `None` where the build has no CUDA.
 #[cfg(not(feature = "cuda"))]
-fn write_cuda(_text: &mut String) {}
+pub(crate) fn cuda_names() -> Option<Vec<String>> {
+    None
+}
 
 /// The first of NVIDIA's GPUs, in the driver's order.
 #[cfg(feature = "cuda")]
@@ -121,15 +108,10 @@ fn name_of(device: &Device) -> String {
         .map_or_else(|| "NVIDIA GPU".to_owned(), |identity| identity.name)
 }
 
+/// NVIDIA's GPUs; `None` where the build has no CUDA.
 #[cfg(feature = "cuda")]
-fn write_cuda(text: &mut String) {
-    let devices = cuda_devices();
-    if devices.is_empty() {
-        text.push_str("cuda   no device found\n");
-    }
-    for device in devices {
-        let _ = writeln!(text, "cuda   {}", name_of(&device));
-    }
+pub(crate) fn cuda_names() -> Option<Vec<String>> {
+    Some(cuda_devices().iter().map(name_of).collect())
 }
 
 /// Whether the processor may pose as a GPU.
@@ -144,11 +126,6 @@ fn gpu(_software: Software) -> Option<ChosenDevice> {
     None
 }
 
-#[cfg(not(feature = "wgpu"))]
-fn write_gpus(text: &mut String) {
-    text.push_str("wgpu   not in this build; build with --features wgpu\n");
-}
-
 #[cfg(feature = "wgpu")]
 fn gpu(software: Software) -> Option<ChosenDevice> {
     gpu_tensors::adapters()
@@ -161,34 +138,6 @@ fn gpu(software: Software) -> Option<ChosenDevice> {
                 largest_binding: Some(adapter.largest_binding),
             })
         })
-}
-
-#[cfg(feature = "wgpu")]
-fn write_gpus(text: &mut String) {
-    let adapters = gpu_tensors::adapters();
-    if adapters.is_empty() {
-        text.push_str("wgpu   no device found\n");
-    }
-    for adapter in adapters {
-        let _ = writeln!(
-            text,
-            "wgpu   {} ({}, {}, driver {})\n       binds {} MiB at once in up to {} buffers; \
-             workgroups of {} threads and {} KiB; f32 atomics: {}",
-            adapter.name,
-            adapter.kind,
-            adapter.api,
-            adapter.driver.trim(),
-            adapter.largest_binding >> 20,
-            adapter.bindings,
-            adapter.workgroup_units,
-            adapter.shared_memory >> 10,
-            if adapter.float_atomics {
-                "yes"
-            } else {
-                "by compare and swap"
-            },
-        );
-    }
 }
 
 #[cfg(test)]
@@ -224,12 +173,5 @@ mod tests {
             let error = choose("wgpu").unwrap_err().to_string();
             assert!(error.contains("--features wgpu"), "{error}");
         }
-    }
-
-    #[test]
-    fn the_list_says_what_auto_takes() {
-        let text = list();
-        assert!(text.starts_with("cpu "), "{text}");
-        assert!(text.contains("\nauto takes: "), "{text}");
     }
 }

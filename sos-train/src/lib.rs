@@ -49,6 +49,7 @@ pub mod audit;
 pub mod cli;
 pub mod config;
 pub mod device;
+pub mod devices;
 pub mod discover;
 mod distance;
 pub mod doctor;

@@ -1,19 +1,18 @@
 //! `sos ablate`: the rows of the paper's table on one scene, each a run of its own.
 
+use super::answer::Voice;
 use super::hull::{write_hull, write_masks};
 use super::input::{Plan, mask_source};
-use super::train::{quoted, train_run};
-use super::{AblateArgs, SettingArgs, TrainArgs, answer, complain, program};
-use crate::ablation::{Ablation, Kind, RIVALS, Row, Scored, Start, TABLE};
+use super::train::{quoted, train_run, whole_seconds};
+use super::{AblateArgs, SettingArgs, TrainArgs, complain, program};
+use crate::ablation::{Ablation, DECISIONS, Kind, RIVALS, Row, Scored, Start, TABLE};
 use crate::config::RunRecord;
 use crate::error::{EXIT_OK, InputError, sentence};
-use crate::export::read_log;
 use crate::report::comparison_page;
 use crate::run_folder::{RunError, RunFolder, write_whole};
 use anyhow::Context as _;
 use io_colmap::{MaskSet, Scene};
 use scene_import::MaskSource;
-use serde_json::{Map, Value};
 use sos_eval::{Contender, compare_contenders, mattes_by_view};
 use std::fs;
 use std::io::Write as _;
@@ -25,11 +24,7 @@ const TABLE_FILES: [&str; 3] = ["ablation.md", "ablation.json", "ablation.html"]
 /// Trains what is not there yet, scores everything, writes the table.
 pub(super) fn ablate(args: &AblateArgs) -> anyhow::Result<u8> {
     let place = Place::find(args)?;
-    let rows: Vec<Row> = match args.only.as_slice() {
-        [] if args.rivals => TABLE.into_iter().chain(RIVALS).collect(),
-        [] => TABLE.to_vec(),
-        only => only.to_vec(),
-    };
+    let rows = wanted(args);
     // All that is there must belong to this table, before hours are spent on what is not.
     for row in &rows {
         place.check(args, row)?;
@@ -64,6 +59,26 @@ pub(super) fn ablate(args: &AblateArgs) -> anyhow::Result<u8> {
     }
     place.summarise(args)?;
     failed.map_or(Ok(EXIT_OK), Err)
+}
+
+/// The rows that were asked for.
+fn wanted(args: &AblateArgs) -> Vec<Row> {
+    if !args.only.is_empty() {
+        return args.only.clone();
+    }
+    let mut rows = if args.decisions {
+        // What they are to be compared with.
+        Row::named("all").into_iter().collect()
+    } else {
+        TABLE.to_vec()
+    };
+    if args.rivals {
+        rows.extend(RIVALS);
+    }
+    if args.decisions {
+        rows.extend(DECISIONS);
+    }
+    rows
 }
 
 /// Where everything is.
@@ -273,9 +288,7 @@ impl Place {
 
     /// Scores all rows that are there, prints the table and writes it.
     fn summarise(&self, args: &AblateArgs) -> anyhow::Result<()> {
-        let rows: Vec<Row> = TABLE
-            .into_iter()
-            .chain(RIVALS)
+        let rows: Vec<Row> = Row::every()
             .filter(|row| self.state(row) == State::Finished)
             .collect();
         // Those that were not asked for belong to the table only if they have its settings.
@@ -289,7 +302,7 @@ impl Place {
         };
         let contenders: Vec<Contender> = rows.iter().map(contender).collect();
         let comparison = compare_contenders(&contenders, &self.gt)?;
-        answer(&comparison.table());
+        let table = comparison.table();
         let page = comparison_page(&comparison, &contenders, &self.gt)?;
         let scored = rows.iter().zip(comparison.contenders);
         let ablation = Ablation {
@@ -299,11 +312,15 @@ impl Place {
                 .map(|(row, compared)| Scored {
                     row: row.name,
                     definition: row.definition(),
-                    seconds: self.seconds(row),
+                    seconds: RunFolder::open_existing(&self.out.join(row.name))
+                        .ok()
+                        .and_then(|run| whole_seconds(&run)),
                     compared,
                 })
                 .collect(),
         };
+        // A table is the answer, however quiet all else is.
+        Voice::of(args.json, false).answer(&ablation, &table)?;
         let [markdown, json, html] = TABLE_FILES.map(|name| self.out.join(name));
         write_whole(&markdown, ablation.markdown().as_bytes())?;
         write_whole(&json, serde_json::to_string_pretty(&ablation)?.as_bytes())?;
@@ -318,15 +335,6 @@ impl Place {
             );
         }
         Ok(())
-    }
-
-    /// How long a run took, by its log.
-    fn seconds(&self, row: &Row) -> Option<f64> {
-        let run = RunFolder::open_existing(&self.out.join(row.name)).ok()?;
-        let log = read_log(&run).ok()?;
-        let ends = |line: &&_| Map::get(line, "event").is_some_and(|event| event == "end");
-        let end = log.iter().rev().find(ends)?;
-        end.get("seconds").and_then(Value::as_f64)
     }
 }
 

@@ -1,9 +1,10 @@
 //! `sos capture`, and the capture that `sos train` makes of photos without poses or a video.
 
+use super::answer::Voice;
 use super::import::{Imported, free_scene_dir, write_into_run};
 use super::input::{Plan, owns_scene};
 use super::train::{folder, quoted};
-use super::{CaptureArgs, TrainArgs, answer, program};
+use super::{CaptureArgs, TrainArgs, program};
 use crate::error::InputError;
 use crate::export::check_names;
 use crate::progress::{self, AtInterrupt, Progress, watch_interrupt};
@@ -11,6 +12,7 @@ use crate::run_folder::{RunError, RunFolder};
 use anyhow::Context as _;
 use scene_capture::{CaptureOptions, Existing, RECORD, Source, Stage, Tools, Watch};
 use scene_import::MaskSource;
+use serde_json::json;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -47,18 +49,21 @@ pub(super) fn capture(args: &CaptureArgs) -> anyhow::Result<()> {
     if let Some(warning) = &captured.warning {
         progress.warn(warning);
     }
-    if args.quiet {
-        return Ok(());
-    }
-    answer(&format!(
+    let result = json!({
+        "scene": args.out,
+        "photos": captured.photos,
+        "registered": captured.registered,
+        "warning": captured.warning,
+    });
+    let sentence = format!(
         "{}: {} of {} photos have poses; train on it with: {} train {}",
         args.out.display(),
         captured.registered,
         captured.photos,
         program(),
         quoted(&args.out)
-    ));
-    Ok(())
+    );
+    Voice::of(args.json, args.quiet).answer(&result, &sentence)
 }
 
 fn nothing_to_capture(path: &Path) -> anyhow::Error {

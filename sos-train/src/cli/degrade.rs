@@ -1,7 +1,9 @@
 //! `sos degrade`: rough masks to start a test from.
 
-use super::{DegradeArgs, answer};
+use super::DegradeArgs;
+use super::answer::Voice;
 use crate::error::InputError;
+use serde_json::json;
 use sos_eval::degrade_folder;
 
 /// Writes true masks with a fault.
@@ -17,6 +19,7 @@ pub(super) fn write(args: &DegradeArgs) -> anyhow::Result<()> {
         args.seed,
         &args.out,
     )?;
-    answer(&format!("{}: {count} masks", args.out.display()));
-    Ok(())
+    let result = json!({ "folder": args.out, "masks": count });
+    let sentence = format!("{}: {count} masks", args.out.display());
+    Voice::of(args.json, false).answer(&result, &sentence)
 }

@@ -1,10 +1,11 @@
 //! `sos doctor`: the checks of a scene, before anything is trained.
 
+use super::answer::Voice;
 use super::capture::source_without_poses;
 use super::import::is_ready;
 use super::input::{coarse_masks_hint, ignore_folder, mask_folder, mask_source};
 use super::train::refuse_hints;
-use super::{DoctorArgs, answer, program};
+use super::{DoctorArgs, program};
 use crate::config::TrainConfig;
 use crate::discover::Hint;
 use crate::doctor::{Location, estimate};
@@ -18,6 +19,7 @@ use scene_doctor::{
     photos_without_pose,
 };
 use scene_import::{MaskOptions, MaskSource, detect};
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
@@ -52,14 +54,12 @@ pub(super) fn doctor(args: &DoctorArgs) -> anyhow::Result<u8> {
     if let Some(path) = &args.html {
         write_whole(path, page(&report, &drawing).as_bytes())?;
     }
-    if args.json {
-        answer(&serde_json::to_string_pretty(&report)?);
-    } else {
-        answer(&report.to_string());
-        if report.verdict != Status::Fail {
-            answer(&format!("\ntrain on it with: {}", train_command(args)));
-        }
+    let mut table = report.to_string().trim_end().to_owned();
+    if report.verdict != Status::Fail {
+        // Writing to a string cannot fail.
+        let _ = write!(table, "\n\ntrain on it with: {}", train_command(args));
     }
+    Voice::of(args.json, false).answer(&report, &table)?;
     Ok(match report.verdict {
         Status::Fail => EXIT_FAILED_CHECK,
         Status::Warn | Status::Pass => EXIT_OK,

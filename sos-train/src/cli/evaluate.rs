@@ -1,10 +1,12 @@
 //! `sos eval` and `sos report`.
 
-use super::{CompareArgs, EvalArgs, ReportArgs, answer};
+use super::answer::Voice;
+use super::{CompareArgs, EvalArgs, ReportArgs};
 use crate::audit::{Metrics, audit};
 use crate::error::InputError;
 use crate::report::{ReportInputs, comparison_page, write_report};
 use crate::run_folder::{RunFolder, write_whole};
+use serde_json::json;
 use sos_eval::{Contender, compare_contenders};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -16,11 +18,7 @@ const WORST: usize = 5;
 /// nothing is written.
 pub(super) fn eval(args: &EvalArgs) -> anyhow::Result<()> {
     let report = sos_eval::run_eval(&args.run, &args.gt, args.start.as_deref())?;
-    answer(&if args.json {
-        serde_json::to_string_pretty(&report)?
-    } else {
-        report.table(WORST)
-    });
+    Voice::of(args.json, false).answer(&report, &report.table(WORST))?;
     if let Ok(run) = RunFolder::open_existing(&args.run) {
         Metrics {
             scores: Some(report),
@@ -53,11 +51,7 @@ pub(super) fn compare(args: &CompareArgs) -> anyhow::Result<()> {
         .map(|c| Contender::parse(c))
         .collect();
     let comparison = compare_contenders(&contenders, &args.gt)?;
-    answer(&if args.json {
-        serde_json::to_string_pretty(&comparison)?
-    } else {
-        comparison.table()
-    });
+    Voice::of(args.json, false).answer(&comparison, &comparison.table())?;
     if let Some(path) = &args.page {
         let page = comparison_page(&comparison, &contenders, &args.gt)?;
         write_whole(path, page.as_bytes())?;
@@ -73,8 +67,9 @@ pub(super) fn report(args: &ReportArgs) -> anyhow::Result<()> {
         return Err(InputError::new(gt, "there is no such folder", remedy).into());
     }
     make_report(&run, args.gt.as_deref())?;
-    answer(&run.report_path().display().to_string());
-    Ok(())
+    let path = run.report_path();
+    let sentence = path.display().to_string();
+    Voice::of(args.json, false).answer(&json!({ "report": path }), &sentence)
 }
 
 /// Audits a run and makes its report; the audit goes into `metrics.json`.

@@ -1,7 +1,9 @@
 //! `sos export`: a run's results in the formats and conventions of other tools.
 
-use super::{ExportArgs, answer};
+use super::ExportArgs;
+use super::answer::Voice;
 use scene_export::{Existing, Options, Product, RunLengths};
+use serde_json::json;
 use std::io::Write as _;
 
 /// Exports a run.
@@ -29,13 +31,15 @@ pub(super) fn export(args: &ExportArgs) -> anyhow::Result<()> {
             .clone()
             .unwrap_or_else(|| product.default_folder(&args.run));
         let written = scene_export::export(&args.run, product, &out, &options)?;
-        if args.quiet {
-            continue;
-        }
-        for note in &written.notes {
+        for note in written.notes.iter().filter(|_| !args.quiet) {
             let _ = writeln!(std::io::stderr(), "{note}");
         }
-        answer(&written.sentence(product));
+        let result = json!({
+            "folder": written.folder,
+            "count": written.count,
+            "notes": written.notes,
+        });
+        Voice::of(args.json, args.quiet).answer(&result, &written.sentence(product))?;
     }
     Ok(())
 }

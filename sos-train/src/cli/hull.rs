@@ -1,6 +1,7 @@
 //! `sos hull`: the classical answer, to be measured against.
 
-use super::{HullArgs, answer};
+use super::HullArgs;
+use super::answer::Voice;
 use crate::config::{MaskPolarity, Preset, TrainConfig};
 use crate::error::InputError;
 use crate::export::check_names;
@@ -10,6 +11,7 @@ use crate::run_folder::{RunError, view_file};
 use image::GrayImage;
 use io_colmap::{MaskSet, Scene};
 use rayon::prelude::*;
+use serde_json::json;
 use std::fs;
 use std::path::Path;
 
@@ -27,11 +29,12 @@ pub(super) fn write(args: &HullArgs) -> anyhow::Result<()> {
         return Err(InputError::new(&args.out, "it exists already", "choose another --out").into());
     }
     let views = write_hull(&args.scene, &args.masks, args.polarity, &args.out)?;
-    answer(&format!(
+    let result = json!({ "folder": args.out, "mattes": views });
+    let sentence = format!(
         "{}: the masks' visual hull, seen from {views} views",
         args.out.display(),
-    ));
-    Ok(())
+    );
+    Voice::of(args.json, false).answer(&result, &sentence)
 }
 
 /// Writes the mattes into `out`, which does not exist yet, and says how many.

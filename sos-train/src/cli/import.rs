@@ -1,13 +1,15 @@
 //! `sos import`, and the import that `sos train` makes of a scene that is not COLMAP's.
 
+use super::answer::Voice;
 use super::input::{Plan, coarse_masks_hint, mask_source, owns_scene};
 use super::train::{folder, quoted};
-use super::{ImportArgs, TrainArgs, answer, program};
+use super::{ImportArgs, TrainArgs, program};
 use crate::error::InputError;
 use crate::export::check_names;
 use crate::progress::Progress;
 use crate::run_folder::RunFolder;
 use scene_import::{Detected, Format, MaskOptions, MaskSource, detect, read};
+use serde_json::json;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -34,18 +36,21 @@ pub(super) fn import(args: &ImportArgs) -> anyhow::Result<()> {
     {
         say(&hint);
     }
-    if args.quiet {
-        return Ok(());
-    }
-    answer(&format!(
+    let result = json!({
+        "scene": args.out,
+        "photos": written.photos,
+        "masks": written.masks,
+        "notes": written.notes,
+    });
+    let sentence = format!(
         "{}: {} photos with poses, {} masks; train on it with: {} train {}",
         args.out.display(),
         written.photos,
         written.masks,
         program(),
         quoted(&args.out)
-    ));
-    Ok(())
+    );
+    Voice::of(args.json, args.quiet).answer(&result, &sentence)
 }
 
 /// What a run's scene was made from.

@@ -1,6 +1,7 @@
 //! Finding what a run is to work on: scene, masks, folder, configuration.
 
-use super::{TrainArgs, answer};
+use super::TrainArgs;
+use super::answer::Voice;
 use crate::config::{InputRecord, MaskPolarity, RunRecord, TrainConfig};
 use crate::discover::hint::{Click, WorldBox};
 use crate::error::InputError;
@@ -8,6 +9,7 @@ use crate::run_folder::{RunError, RunFolder};
 use anyhow::Context as _;
 use demo_scene::{DemoConfig, DemoError, DemoScene, generate};
 use scene_import::MaskSource;
+use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -261,17 +263,22 @@ pub(super) fn generate_demo(out: &Path) -> Result<DemoScene, DemoError> {
 }
 
 /// `sos demo-scene OUT`.
-pub(super) fn write_demo(out: &Path) -> anyhow::Result<()> {
+pub(super) fn write_demo(out: &Path, json: bool) -> anyhow::Result<()> {
     let begun = Instant::now();
     let scene = generate_demo(out)?;
-    answer(&format!(
+    let result = json!({
+        "scene": out,
+        "photos": scene.views.len(),
+        "coarse_iou": scene.mean_coarse_iou(),
+    });
+    let sentence = format!(
         "{}: {} photos with ground truth and rough masks of mean IoU {:.2}, in {}",
         out.display(),
         scene.views.len(),
         scene.mean_coarse_iou(),
         crate::progress::duration(begun.elapsed())
-    ));
-    Ok(())
+    );
+    Voice::of(json, false).answer(&result, &sentence)
 }
 
 #[cfg(test)]

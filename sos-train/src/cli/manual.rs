@@ -47,7 +47,7 @@ pub(super) fn pages(out: Option<&Path>) -> anyhow::Result<()> {
         write_page(dir, &name, sub.clone())?;
         count += 1;
     }
-    super::answer(&format!("{}: {count} manual pages", dir.display()));
+    super::answer::answer(&format!("{}: {count} manual pages", dir.display()));
     Ok(())
 }
 

@@ -1,6 +1,7 @@
 //! `sos render`: pictures and videos from where no photo was taken.
 
-use super::{RenderArgs, answer};
+use super::RenderArgs;
+use super::answer::Voice;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK, InputError};
 use crate::export::check_names;
 use crate::progress::{AtInterrupt, Progress, watch_interrupt};
@@ -12,6 +13,7 @@ use crate::run_folder::RunFolder;
 use glam::Vec3;
 use io_colmap::Scene;
 use scene_export::{Codec, Draft, Existing, ExportError, Ffmpeg, Kind, Picture, Video};
+use serde_json::json;
 use std::sync::atomic::Ordering;
 
 /// What the object of a turntable stands before in videos without alpha.
@@ -124,9 +126,9 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<u8> {
         notes.join("\n- ")
     );
     draft.finish(&record)?;
-    if !args.quiet {
-        answer(&format!("{}: {count} frames", out.display()));
-    }
+    let result = json!({ "folder": out, "frames": count, "notes": notes });
+    let sentence = format!("{}: {count} frames", out.display());
+    Voice::of(args.json, args.quiet).answer(&result, &sentence)?;
     Ok(EXIT_OK)
 }
 

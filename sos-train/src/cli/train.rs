@@ -1,20 +1,23 @@
 //! `sos train`.
 
+use super::answer::Voice;
 use super::capture::{capture_for_run, source_without_poses};
 use super::import::{Imported, import_for_run, is_ready};
 use super::input::{Plan, Source, generate_demo, mask_folder, owns_scene, record_input};
-use super::{TrainArgs, answer, evaluate, program};
+use super::{TrainArgs, evaluate, program};
 use crate::audit::Metrics;
 use crate::config::{MaskPolarity, RunRecord, TrainConfig};
 use crate::discover::Hint;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK, InputError};
-use crate::export::check_names;
+use crate::export::{check_names, read_log};
 use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::live::{Live, LiveError, LiveServer};
 use crate::prepare::view::find_ignored;
 use crate::progress::{AtInterrupt, Progress, watch_interrupt};
 use crate::run_folder::{Existing, RunError, RunFolder};
 use io_colmap::{MaskSet, Scene};
+use serde::Serialize;
+use serde_json::{Map, Value};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,13 +26,46 @@ use std::sync::atomic::AtomicBool;
 /// Trains, and says where everything is.
 pub(super) fn train(args: &TrainArgs) -> anyhow::Result<u8> {
     let (code, run) = train_run(args)?;
-    if code == EXIT_OK && !args.quiet {
-        answer(&format!(
-            "everything is in {}; start with report.html",
-            run.display()
-        ));
+    let finished = code == EXIT_OK;
+    let voice = Voice::of(args.json, args.quiet);
+    // How to go on has been said where it was stopped.
+    if finished || voice == Voice::Json {
+        let sentence = format!("everything is in {}; start with report.html", run.display());
+        voice.answer(&Trained::at(&run, finished), &sentence)?;
     }
     Ok(code)
+}
+
+/// What a run came to.
+#[derive(Serialize)]
+struct Trained {
+    run: PathBuf,
+    finished: bool,
+    /// Only of a run that has finished, as what follows.
+    report: Option<PathBuf>,
+    seconds: Option<f64>,
+    metrics: Option<Metrics>,
+}
+
+impl Trained {
+    fn at(path: &Path, finished: bool) -> Self {
+        let folder = RunFolder::open_existing(path).ok().filter(|_| finished);
+        Self {
+            run: path.to_path_buf(),
+            finished,
+            report: folder.as_ref().map(RunFolder::report_path),
+            seconds: folder.as_ref().and_then(whole_seconds),
+            metrics: folder.as_ref().map(Metrics::read),
+        }
+    }
+}
+
+/// How long a run took with all its pictures, by its log.
+pub(super) fn whole_seconds(run: &RunFolder) -> Option<f64> {
+    let log = read_log(run).ok()?;
+    let ends = |line: &&Map<String, Value>| line.get("event").is_some_and(|event| event == "end");
+    let end = log.iter().rev().find(ends)?;
+    end.get("seconds").and_then(Value::as_f64)
 }
 
 /// Trains; gives the exit code and the run's folder.

@@ -16,6 +16,7 @@ mod fabricated;
 mod ignore;
 mod import;
 mod interrupt;
+mod json;
 mod live;
 mod manual;
 mod report;
