@@ -1,5 +1,5 @@
 //! What other programs read of it, where they are installed: Python with pycocotools, OpenEXR, trimesh
-//! or numpy, and the Khronos validator of glTF. `SOS_PYTHON` names another interpreter than `python3`;
+//! or numpy, the Khronos validator of glTF, and COLMAP. `SOS_PYTHON` names another interpreter than `python3`;
 //! `NODE_PATH` is where Node.js finds the validator.
 
 use crate::rig::{Rig, alpha};
@@ -155,4 +155,58 @@ require('gltf-validator').validateBytes(bytes).then(r => console.log(
     if let Some(said) = ask("node", "-e", load, script, &out) {
         assert_eq!(said, "0 0 0 0 []");
     }
+}
+
+#[test]
+fn colmap_reads_the_scene() {
+    let rig = Rig::new();
+    let (out, _) = rig.files(Target::ColmapScene);
+    let converted = tempfile::tempdir().unwrap();
+    let output = Command::new("colmap")
+        .args(["model_converter", "--output_type", "TXT", "--input_path"])
+        .arg(out.join("sparse/0"))
+        .arg("--output_path")
+        .arg(converted.path())
+        .output();
+    let output = match output {
+        Ok(output) => output,
+        Err(error) => {
+            println!("skipped: colmap does not start ({error})");
+            return;
+        }
+    };
+    let complaint = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{complaint}");
+    let rows = |name: &str| -> Vec<Vec<String>> {
+        let text = std::fs::read_to_string(converted.path().join(name)).unwrap();
+        let rows = text.lines().filter(|line| !line.starts_with('#'));
+        rows.map(|line| line.split_whitespace().map(str::to_owned).collect())
+            .collect()
+    };
+    let model = io_colmap::Scene::open(&out).unwrap().model;
+    // ID, quaternion, translation, camera, name; then a line of observations.
+    let images = rows("images.txt");
+    let images: Vec<&Vec<String>> = images.iter().step_by(2).collect();
+    assert_eq!(images.len(), model.views.len());
+    for view in &model.views {
+        let row = images.iter().find(|row| row[9] == view.name).unwrap();
+        let number = |i: usize| row[i].parse::<f64>().unwrap();
+        let rotation = view.camera_from_world.rotation;
+        let dot = rotation.w * number(1)
+            + rotation.x * number(2)
+            + rotation.y * number(3)
+            + rotation.z * number(4);
+        assert!((dot.abs() - 1.0).abs() < 1e-9, "{}: turned", view.name);
+        for (i, value) in view
+            .camera_from_world
+            .translation
+            .to_array()
+            .iter()
+            .enumerate()
+        {
+            assert!((value - number(5 + i)).abs() < 1e-9, "{}: moved", view.name);
+        }
+    }
+    assert_eq!(rows("cameras.txt").len(), model.cameras.len());
+    assert_eq!(rows("points3D.txt").len(), model.points.len());
 }
