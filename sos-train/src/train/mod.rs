@@ -27,7 +27,7 @@ use neus_render::march::{Grids, MarchConfig};
 use scene_decomp::probability::ProbabilityMap;
 use scene_decomp::{FrozenSurface, Scene, Sharpness, SurfaceVotes};
 
-use crate::config::{Fields, ProbabilitySource, TrainConfig, Transparency};
+use crate::config::{Fields, ProbabilitySource, TrainConfig};
 use crate::prepare::Prepared;
 use agreement::Agreement;
 use batch::{MarchedBatch, Partition};
@@ -413,21 +413,18 @@ impl Trainer {
         let round = self.step / config.sampling.occupancy_every.max(1);
         let settled = schedule::progress(&config, self.step) > SETTLED;
         let [b_object, b_background] = self.sharpness();
-        let object = self
-            .freeze_object(schedule.active_levels)
-            .without_features();
-        let rule = GridRule {
-            transparency: config.model.foreground,
-            sharpness: b_object,
-            settled,
-        };
-        // A density that is not trained yet is nothing anywhere.
-        let nothing = schedule::background_alone(&config, self.step)
-            && config.model.object_transparency() == Transparency::Density;
-        if !nothing {
+        // What is not trained yet says nothing: until it is carved out, FoCoR may be anywhere.
+        if !schedule::background_alone(&config, self.step) {
+            let object = self
+                .freeze_object(schedule.active_levels)
+                .without_features();
+            let rule = GridRule {
+                transparency: config.model.foreground,
+                sharpness: b_object,
+                settled,
+            };
             self.grids.update_object(&object, rule, config.seed, round);
         }
-        drop(object);
         if config.model.fields == Fields::Object {
             return;
         }
