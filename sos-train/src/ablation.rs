@@ -131,8 +131,8 @@ pub const DECISIONS: [Row; 19] = [
         &["loss.mask_hold=0.5", "loss.mask_end=0.7"],
     ),
     choice("untrusted", "masks end early", &["loss.mask_trusted=0"]),
-    choice("eikonal-less", "Eikonal 0.03", &["loss.eikonal=0.03"]),
-    choice("eikonal-more", "Eikonal 0.3", &["loss.eikonal=0.3"]),
+    choice("eikonal-less", "Eikonal 0.01", &["loss.eikonal=0.01"]),
+    choice("eikonal-more", "Eikonal 0.1", &["loss.eikonal=0.1"]),
     choice("sparsity-more", "sparsity 0.03", &["loss.sparsity=0.03"]),
     choice(
         "levels",

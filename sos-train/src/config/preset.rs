@@ -65,7 +65,7 @@ fn default() -> TrainConfig {
         loss: LossConfig {
             colour: ColourLoss::Huber,
             huber_delta: 0.1,
-            eikonal: 0.1,
+            eikonal: 0.03,
             eikonal_background: 0.01,
             sparsity: 0.01,
             sparsity_tau: 20.0,
@@ -185,6 +185,7 @@ fn paper() -> TrainConfig {
         },
         loss: LossConfig {
             colour: ColourLoss::L2,
+            eikonal: 0.1,
             eikonal_background: 0.1,
             distortion: 0.0,
             far: 0.0,

@@ -40,7 +40,7 @@ fn the_file_shows_values_as_a_person_would_write_them() {
         .to_toml()
         .unwrap();
     for line in [
-        "eikonal = 0.1",
+        "eikonal = 0.03",
         "preset = \"default\"",
         "[model]",
         "[input]",
