@@ -1,6 +1,5 @@
 //! What is measured of each photo: sharpness and light.
 
-use image::RgbImage;
 use scene_capture::Grey;
 
 /// At most about this many pixels are looked at for light: shares and means need no more.
@@ -27,11 +26,19 @@ pub struct PhotoMeasures {
 }
 
 impl PhotoMeasures {
-    /// Measures an 8-bit sRGB photo.
+    /// Measures an 8-bit sRGB photo, `[height, width, 3]`.
+    ///
+    /// # Panics
+    /// When it has another number of bytes.
     #[must_use]
-    pub fn of(photo: &RgbImage) -> Self {
-        let (width, height) = photo.dimensions();
-        let grey = Grey::of_rgb(photo.as_raw(), width as usize, height as usize);
+    pub fn of(photo: &[u8], width: u32, height: u32) -> Self {
+        let pixels = photo.as_chunks::<3>().0;
+        assert_eq!(
+            pixels.len(),
+            width as usize * height as usize,
+            "PhotoMeasures::of: number of pixels"
+        );
+        let grey = Grey::of_rgb(photo, width as usize, height as usize);
         let step = (f64::from(width) * f64::from(height) / f64::from(SAMPLES))
             .sqrt()
             .ceil()
@@ -39,7 +46,7 @@ impl PhotoMeasures {
         let (mut count, mut light, mut blown, mut black) = (0u32, 0.0, 0u32, 0u32);
         for y in (0..height).step_by(step) {
             for x in (0..width).step_by(step) {
-                let [r, g, b] = photo.get_pixel(x, y).0;
+                let [r, g, b] = pixels[(y * width + x) as usize];
                 count += 1;
                 light += 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
                 blown += u32::from(r.min(g).min(b) >= WHITE);

@@ -2,7 +2,7 @@
 
 use crate::photo::PhotoMeasures;
 use glam::{DVec2, DVec3};
-use image::{GrayImage, RgbImage};
+use image::GrayImage;
 use io_colmap::{Camera, Pose, SparsePoint};
 use rayon::prelude::*;
 
@@ -17,8 +17,8 @@ pub struct ExamView<'a> {
     pub camera: &'a Camera,
     /// In the scene's frame.
     pub camera_from_world: Pose,
-    /// 8-bit sRGB.
-    pub photo: &'a RgbImage,
+    /// 8-bit sRGB, row by row, of the camera's size.
+    pub photo: &'a [u8],
     /// White is the object; of the photo's size.
     pub mask: Option<&'a GrayImage>,
 }
@@ -102,7 +102,7 @@ impl<'a> Exam<'a> {
     ) -> Self {
         let measures = views
             .par_iter()
-            .map(|view| PhotoMeasures::of(view.photo))
+            .map(|view| PhotoMeasures::of(view.photo, view.camera.width, view.camera.height))
             .collect();
         Self {
             views,

@@ -27,6 +27,18 @@ pub enum PrepareError {
         /// What is wrong with it.
         what: String,
     },
+    /// Photos that are too many for the memory, and no room for them elsewhere.
+    #[error(
+        "{}: photos cannot be kept here ({source}); make room, name another folder in TMPDIR, or give \
+         smaller photos",
+        folder.display()
+    )]
+    Store {
+        /// Where they were to be kept.
+        folder: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// The object's box holds nothing that can be seen.
     #[error(
         "the object's box contains nothing: no ray met anything for {0} steps. The masks may show \

@@ -302,7 +302,7 @@ mod tests {
                 params: vec![60.0, 60.0, 32.0, 24.0],
             }),
             camera_from_world: world_from_camera.inverse(),
-            photo: image::RgbImage::new(64, 48),
+            photo: crate::prepare::photo::in_memory(image::RgbImage::new(64, 48)),
             mask: None,
             ignored: None,
         }

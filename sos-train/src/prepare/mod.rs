@@ -7,6 +7,7 @@ pub mod frame;
 pub mod locate;
 pub mod mask_shift;
 pub mod outline;
+pub mod photo;
 pub mod view;
 pub mod votes;
 

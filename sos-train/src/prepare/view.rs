@@ -1,7 +1,7 @@
 //! A posed photo and its rough mask, as training and rendering use them.
 
 use glam::{Affine3A, DVec3, Vec2, Vec3};
-use image::{GrayImage, RgbImage};
+use image::GrayImage;
 use io_colmap::{Camera, ColmapError, MaskSet, Model, Polarity, Pose, Scene, View};
 use neus_render::rays::{Projection, Ray};
 use rayon::prelude::*;
@@ -9,6 +9,7 @@ use std::path::Path;
 
 use super::error::PrepareError;
 use super::frame::Frame;
+use super::photo::{Photo, PhotoStore, in_memory};
 
 /// A lens, as the renderer asks for it.
 #[derive(Clone, Debug)]
@@ -34,7 +35,7 @@ pub struct TrainView {
     /// Pose in the scene's own frame.
     pub camera_from_world: Pose,
     /// The photo, 8-bit sRGB.
-    pub photo: RgbImage,
+    pub photo: Photo,
     /// The rough mask, white is the object, where there is one.
     pub mask: Option<GrayImage>,
     /// Not black where the photo is not to be learned from, where that was said.
@@ -53,7 +54,7 @@ impl TrainView {
             name: self.name.clone(),
             lens: Lens(self.lens.0.scaled_to(width, height)),
             camera_from_world: self.camera_from_world,
-            photo: image::imageops::resize(&self.photo, width, height, filter),
+            photo: in_memory(image::imageops::resize(&self.photo, width, height, filter)),
             mask: self
                 .mask
                 .as_ref()
@@ -142,16 +143,20 @@ pub(crate) fn camera_of<'a>(model: &'a Model, view: &View) -> Result<&'a Camera,
 
 /// Reads every registered photo and its mask.
 ///
+/// Photos that are too many for the memory lie in files of the system's folder for temporary ones
+/// (`TMPDIR`).
+///
 /// # Errors
-/// When a photo or a mask can't be read.
+/// When a photo or a mask can't be read, or there is no room for photos.
 pub fn load_views(scene: &Scene, masks: Option<&MaskSet>) -> Result<Vec<TrainView>, PrepareError> {
+    let store = PhotoStore::new(&std::env::temp_dir());
     scene
         .model
         .views
         .par_iter()
         .enumerate()
         .map(|(i, view)| {
-            let photo = scene.read_photo(view)?.into_rgb8();
+            let photo = store.keep(scene.read_photo(view)?.into_rgb8())?;
             let mask = match masks {
                 Some(masks) => masks.load(i, photo.width(), photo.height())?,
                 None => None,

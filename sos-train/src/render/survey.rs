@@ -1,7 +1,7 @@
 //! A coarse look at every view, to know which views saw what lies behind the object.
 
+use crate::prepare::photo::Photo;
 use glam::{Affine3A, Vec2, Vec3};
-use image::RgbImage;
 use neus_render::rays::Ray;
 use rayon::prelude::*;
 
@@ -102,7 +102,7 @@ impl Survey {
 }
 
 /// Whether a photo has this colour at a pixel or next to it.
-fn agrees(photo: &RgbImage, pixel: Vec2, colour: Vec3) -> bool {
+fn agrees(photo: &Photo, pixel: Vec2, colour: Vec3) -> bool {
     let (x, y) = (pixel.x as u32, pixel.y as u32);
     (y.saturating_sub(1)..(y + 2).min(photo.height())).any(|y| {
         (x.saturating_sub(1)..(x + 2).min(photo.width())).any(|x| {
