@@ -299,7 +299,12 @@ mod tests {
                     row.name
                 );
             }
-            assert!(seen.len() >= 7);
+            let others = if preset == Preset::Paper {
+                0
+            } else {
+                DECISIONS.len()
+            };
+            assert_eq!(seen.len(), 7 + others);
         }
         assert_eq!(Row::named("everything"), None);
     }
