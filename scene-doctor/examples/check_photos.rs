@@ -26,11 +26,18 @@ fn check(folder: &Path) -> Result<(), ColmapError> {
     let model = &scene.model;
     let photos: Result<Vec<_>, _> = model.views.iter().map(|v| scene.read_photo(v)).collect();
     let photos: Vec<_> = photos?.into_iter().map(|photo| photo.into_rgb8()).collect();
-    let views = model.views.iter().zip(&photos).filter_map(|(view, photo)| {
+    // A model may have been made from smaller photos.
+    let cameras = model.views.iter().zip(&photos).map(|(view, photo)| {
+        let camera = model.cameras.get(&view.camera_id)?;
+        Some(camera.scaled_to(photo.width(), photo.height()))
+    });
+    let cameras: Vec<_> = cameras.collect();
+    let views = model.views.iter().zip(&photos).zip(&cameras);
+    let views = views.filter_map(|((view, photo), camera)| {
         Some(ExamView {
             name: &view.name,
             id: view.id,
-            camera: model.cameras.get(&view.camera_id)?,
+            camera: camera.as_ref()?,
             camera_from_world: view.camera_from_world,
             photo,
             mask: None,

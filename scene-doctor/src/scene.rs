@@ -93,6 +93,9 @@ pub struct Exam<'a> {
 
 impl<'a> Exam<'a> {
     /// Takes the measures.
+    ///
+    /// # Panics
+    /// When a photo has not the size of its camera.
     #[must_use]
     pub fn new(
         views: Vec<ExamView<'a>>,
