@@ -3,7 +3,8 @@
 use crate::directions::rounded;
 use crate::finding::{Finding, median, percent, some_names};
 use crate::scene::Exam;
-use image::GrayImage;
+use image::{GrayImage, ImageBuffer, Luma};
+use std::ops::Deref;
 
 /// Shares of white below and above which a mask shows nothing.
 const EMPTY: f64 = 5e-4;
@@ -56,7 +57,7 @@ pub struct Consensus {
 }
 
 /// Shares of white of one mask: everywhere, and along the border.
-fn shares(mask: &GrayImage) -> (f64, f64) {
+fn shares<C: Deref<Target = [u8]>>(mask: &ImageBuffer<Luma<u8>, C>) -> (f64, f64) {
     let (w, h) = mask.dimensions();
     let (mut all, mut border, mut edge) = (0u64, 0u64, 0u64);
     for (x, y, pixel) in mask.enumerate_pixels() {
@@ -89,11 +90,11 @@ pub(crate) fn masks(exam: &Exam, masks: &Masks) -> Finding {
     let (mut areas, mut mostly_border, mut missing) = (Vec::new(), 0, Vec::new());
     for view in &exam.views {
         let name = view.name.to_owned();
-        let Some(mask) = view.mask else {
+        let Some(mask) = view.mask_picture() else {
             missing.push(name);
             continue;
         };
-        let (all, border) = shares(mask);
+        let (all, border) = shares(&mask);
         areas.push(all);
         if all < EMPTY {
             empty.push(name);
@@ -157,14 +158,14 @@ pub(crate) fn agreement(exam: &Exam, masks: &Masks) -> Option<Finding> {
     };
     let (mut overlaps, mut aside, mut inverted) = (Vec::new(), Vec::new(), Vec::new());
     for (i, view) in exam.views.iter().enumerate() {
-        let Some((mask, silhouette)) = view.mask.zip(consensus.silhouettes.get(i)) else {
+        let Some((mask, silhouette)) = view.mask_picture().zip(consensus.silhouettes.get(i)) else {
             continue;
         };
-        let [own, inverse] = overlap(mask, silhouette, consensus.limit);
+        let [own, inverse] = overlap(&mask, silhouette, consensus.limit);
         overlaps.push(own);
         let believed = consensus.trust.get(i).is_none_or(|trust| *trust >= TRUSTED);
         if !believed {
-            let (_, border) = shares(mask);
+            let (_, border) = shares(&mask);
             if inverse > INVERTED && inverse > 2.0 * own && border > 0.5 {
                 inverted.push(view.name.to_owned());
             }
@@ -210,7 +211,10 @@ pub(crate) fn agreement(exam: &Exam, masks: &Masks) -> Option<Finding> {
 }
 
 /// Intersection over union of a mask, and of its inverse, with what the others agree on.
-fn overlap(mask: &GrayImage, silhouette: &GrayImage, limit: u8) -> [f64; 2] {
+fn overlap<C>(mask: &ImageBuffer<Luma<u8>, C>, silhouette: &GrayImage, limit: u8) -> [f64; 2]
+where
+    C: Deref<Target = [u8]>,
+{
     let (w, h) = silhouette.dimensions();
     let mut counts = [[0u32; 2]; 2];
     for (x, y, value) in silhouette.enumerate_pixels() {
@@ -234,7 +238,6 @@ fn overlap(mask: &GrayImage, silhouette: &GrayImage, limit: u8) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use image::Luma;
 
     fn square(low: u32, high: u32) -> GrayImage {
         GrayImage::from_fn(40, 40, |x, y| {

@@ -2,7 +2,7 @@
 
 use crate::photo::PhotoMeasures;
 use glam::{DVec2, DVec3};
-use image::GrayImage;
+use image::{ImageBuffer, Luma};
 use io_colmap::{Camera, Pose, SparsePoint};
 use rayon::prelude::*;
 
@@ -19,8 +19,8 @@ pub struct ExamView<'a> {
     pub camera_from_world: Pose,
     /// 8-bit sRGB, row by row, of the camera's size.
     pub photo: &'a [u8],
-    /// White is the object; of the photo's size.
-    pub mask: Option<&'a GrayImage>,
+    /// 8-bit, white is the object, row by row, of the camera's size.
+    pub mask: Option<&'a [u8]>,
 }
 
 impl ExamView<'_> {
@@ -28,6 +28,12 @@ impl ExamView<'_> {
     #[must_use]
     pub fn centre(&self) -> DVec3 {
         self.camera_from_world.centre()
+    }
+
+    /// The mask as a picture; `None` without one, or one that is not of the camera's size.
+    #[must_use]
+    pub fn mask_picture(&self) -> Option<ImageBuffer<Luma<u8>, &[u8]>> {
+        ImageBuffer::from_raw(self.camera.width, self.camera.height, self.mask?)
     }
 
     /// Where a point of the scene is in the photo, in pixels; `None` outside it.

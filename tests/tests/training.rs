@@ -10,8 +10,9 @@ use io_colmap::{MaskSet, Scene};
 use sos_train::config::{Preset, TrainConfig};
 use sos_train::discover::hint::Click;
 use sos_train::discover::{Discovery, Hint, find_object};
+use sos_train::prepare::pixels::PixelStore;
 use sos_train::prepare::view::load_views;
-use sos_train::prepare::{Prepared, prepare};
+use sos_train::prepare::{Outline, Prepared, TrainView, prepare};
 use sos_train::render::mesh;
 use sos_train::run_folder::{Existing, RunFolder};
 use sos_train::train::Trainer;
@@ -226,6 +227,48 @@ fn overlap(found: &Discovery, truth: &demo_scene::DemoScene) -> f64 {
         f64::from(both) / f64::from(either.max(1))
     });
     overlaps.sum::<f64>() / found.masks.len() as f64
+}
+
+#[test]
+fn what_lies_in_files_is_learnt_from_as_what_lies_in_memory() {
+    let (folder, files) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let config = small_config(400);
+    let of = |views: Vec<TrainView>| {
+        let band = config.loss.ignore_band;
+        let mut data = prepare(views, &[], &config.prepare, band).unwrap();
+        let moved = vec![1.5; data.views.len()];
+        data.shift_masks(&moved, &config.prepare, band).unwrap();
+        data
+    };
+    let in_memory = prepared(folder.path(), &config).views;
+    let store = PixelStore::with_room(files.path(), 0);
+    let in_files = in_memory.iter().map(|view| {
+        let view = TrainView {
+            store: store.clone(),
+            ..view.clone()
+        };
+        view.downscaled(1).unwrap()
+    });
+    let both = [of(in_files.collect()), of(in_memory)];
+    let bytes = both.each_ref().map(|data| {
+        let views = data.views.iter().map(TrainView::in_memory);
+        let labels = data.outlines.iter().map(Outline::in_memory);
+        views.chain(labels).sum::<usize>()
+    });
+    let sizes = both[0]
+        .views
+        .iter()
+        .map(|view| view.width() * view.height());
+    let pixels = sizes.sum::<u32>() as usize;
+    // Photos, labels, and masks of most of the views.
+    assert_eq!(bytes[0], 0);
+    assert!((4 * pixels..5 * pixels).contains(&bytes[1]), "{bytes:?}");
+    let [first, second] = both.each_ref().map(|data| {
+        let mut trainer = Trainer::new(&config, data).unwrap();
+        let steps = (0..4).map(|_| trainer.step(data).losses.total);
+        steps.collect::<Vec<f32>>()
+    });
+    assert_eq!(first, second);
 }
 
 #[test]

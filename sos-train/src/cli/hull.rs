@@ -5,6 +5,7 @@ use super::answer::Voice;
 use crate::config::{MaskPolarity, Preset, TrainConfig};
 use crate::error::InputError;
 use crate::export::check_names;
+use crate::prepare::pixels::copied;
 use crate::prepare::view::load_views;
 use crate::prepare::{outline, prepare};
 use crate::run_folder::{RunError, view_file};
@@ -81,7 +82,7 @@ pub(super) fn write_masks(
     let views = load_views(&scene, Some(&masks))?;
     write_mattes(out, views.len(), |index| {
         let view = &views[index];
-        Some((view.name.as_str(), view.mask.clone()?))
+        Some((view.name.as_str(), copied(view.mask.as_ref()?)))
     })
 }
 

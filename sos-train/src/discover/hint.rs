@@ -1,13 +1,13 @@
 //! What the user says about the object when there are no masks, and what follows from it.
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
-use image::GrayImage;
 use io_colmap::SparsePoint;
 use serde::{Deserialize, Serialize};
 
 use super::parts::{PartSet, Parts};
 use super::region;
 use crate::prepare::error::PrepareError;
+use crate::prepare::pixels::Mask;
 use crate::prepare::{Frame, Prepared, TrainView};
 use crate::train::carve::depth::DepthPicture;
 
@@ -29,7 +29,7 @@ pub enum Hint {
         /// The view's number.
         view: usize,
         /// White is the object, of the photo's size.
-        mask: GrayImage,
+        mask: Mask,
     },
 }
 
@@ -245,7 +245,7 @@ fn surface_at(data: &Prepared, depths: &[DepthPicture], view: usize, pixel: Vec2
 }
 
 /// Centre and radius of a mask's white, in pixels.
-fn centroid(mask: &GrayImage) -> Option<(DVec2, f64)> {
+fn centroid(mask: &Mask) -> Option<(DVec2, f64)> {
     let (mut sum, mut area) = (DVec2::ZERO, 0.0);
     for (x, y, value) in mask.enumerate_pixels() {
         if value.0[0] >= 128 {

@@ -17,13 +17,13 @@ pub mod region;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
-use image::GrayImage;
 use io_colmap::SparsePoint;
 use scene_decomp::probability::ProbabilityMap;
 
 use crate::config::{Preset, TrainConfig, Transparency};
 use crate::prepare::error::PrepareError;
 use crate::prepare::outline::{outline, silhouette};
+use crate::prepare::pixels::Mask;
 use crate::prepare::votes::ViewTrust;
 use crate::prepare::{Prepared, TrainView};
 use crate::train::Trainer;
@@ -49,7 +49,7 @@ const WORTHWHILE_STEPS: u32 = 1500;
 #[derive(Debug)]
 pub struct Discovery {
     /// A rough mask for each view, white is the object.
-    pub masks: Vec<GrayImage>,
+    pub masks: Vec<Mask>,
     /// What was chosen and why, for the user.
     pub notes: Vec<String>,
 }
@@ -102,8 +102,11 @@ pub fn find_object(
         .views
         .iter()
         .zip(&depths)
-        .map(|(view, depth)| masks::project(view, &data.frame, depth, &chosen))
-        .collect();
+        .map(|(view, depth)| {
+            let mask = masks::project(view, &data.frame, depth, &chosen);
+            view.store.keep_mask(mask)
+        })
+        .collect::<Result<_, _>>()?;
     let notes = vec![format!(
         "no masks: {} taken for the object, one of {} parts in the box around ({:.3}, {:.3}, {:.3}) \
          of side {:.3}, {}; found_masks/ shows it",
@@ -159,7 +162,7 @@ fn search_scene(
             let everything = silhouette(view, &frame, &map, STRIDE);
             outline(view, &everything, STRIDE, 0.0, 1, &config.prepare)
         })
-        .collect();
+        .collect::<Result<_, _>>()?;
     let trust = ViewTrust(vec![0.0; views.len()]);
     Ok(Prepared {
         views,

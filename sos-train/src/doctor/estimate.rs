@@ -1,9 +1,8 @@
 //! What a training will take, from a few of its steps.
 
 use crate::config::TrainConfig;
-use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
-use crate::prepare::photo::PhotoBytes;
+use crate::prepare::{Outline, Prepared, TrainView};
 use crate::train::Trainer;
 use hashgrid::GridLayout;
 use scene_doctor::Cost;
@@ -31,8 +30,6 @@ const ENTRY_IN_MEMORY: u64 = 2 * 4 * 4;
 const ENTRY_ON_DISK: u64 = 2 * 4 * 3;
 /// Maps of the object's probability in a checkpoint, with 128 voxels a side.
 const MAPS_ON_DISK: u64 = 3 * 4 * 128 * 128 * 128;
-/// Bytes in memory for each pixel of a photo beside its own: mask, labels, the list of candidates.
-const PIXEL_IN_MEMORY: u64 = 1 + 1 + 4;
 /// The program, maps of space, and what a step and the pictures at the end need beside them.
 const REST_IN_MEMORY: u64 = 450_000_000;
 
@@ -79,17 +76,15 @@ pub fn counted(config: &TrainConfig, data: &Prepared) -> Cost {
         .iter()
         .sum();
     let (pixels, views) = (pixels(data), data.views.len() as u64);
-    let photos = data.views.iter().map(|view| view.photo.as_raw());
-    let photos: usize = photos.map(PhotoBytes::in_memory).sum();
+    let in_views = data.views.iter().map(TrainView::in_memory);
+    let in_labels = data.outlines.iter().map(Outline::in_memory);
+    let in_memory: usize = in_views.chain(in_labels).sum();
     let cells = u64::from(config.export.mesh_resolution);
     let occupancy = 2 * 4 * u64::from(config.sampling.occupancy_resolution).pow(3);
     Cost {
         steps: config.steps,
         minutes: None,
-        memory: entries * ENTRY_IN_MEMORY
-            + photos as u64
-            + pixels * PIXEL_IN_MEMORY
-            + REST_IN_MEMORY,
+        memory: entries * ENTRY_IN_MEMORY + in_memory as u64 + REST_IN_MEMORY,
         memory_left: memory_left(),
         disk: entries * ENTRY_ON_DISK
             + MAPS_ON_DISK

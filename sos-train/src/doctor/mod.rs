@@ -47,8 +47,8 @@ impl Location {
         let (frame, by, consensus) = match with_mask.as_slice() {
             [] => (hint.region(views, points), by_hint(hint), None),
             &[view] => {
-                let mask = views[view].mask.clone().unwrap_or_default();
-                let hint = Hint::Mask { view, mask };
+                let mask = views[view].mask.clone();
+                let hint = mask.map_or(Hint::Nothing, |mask| Hint::Mask { view, mask });
                 (hint.region(views, points), by_hint(&hint), None)
             }
             _ => match MaskConsensus::of(views, points, config) {
@@ -89,7 +89,7 @@ impl Location {
                 camera: &view.lens.0,
                 camera_from_world: view.camera_from_world,
                 photo: &view.photo,
-                mask: view.mask.as_ref(),
+                mask: view.mask.as_deref(),
             })
             .collect();
         Exam::new(

@@ -27,9 +27,9 @@ pub enum PrepareError {
         /// What is wrong with it.
         what: String,
     },
-    /// Photos that are too many for the memory, and no room for them elsewhere.
+    /// Photos and masks that are too many for the memory, and no room for them elsewhere.
     #[error(
-        "{}: photos cannot be kept here ({source}); make room, name another folder in TMPDIR, or give \
+        "{}: photos and masks cannot be kept here ({source}); make room, name another folder in TMPDIR, or give \
          smaller photos",
         folder.display()
     )]

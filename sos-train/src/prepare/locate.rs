@@ -281,6 +281,7 @@ fn extent(votes: &[f32], threshold: f32) -> Option<(DVec3, DVec3)> {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use super::super::pixels::PixelStore;
     use super::super::view::Lens;
     use super::*;
     use glam::{DQuat, DVec3};
@@ -292,6 +293,7 @@ mod tests {
             rotation: DQuat::from_rotation_arc(DVec3::Z, forward.normalize()),
             translation: centre,
         };
+        let store = PixelStore::new(&std::env::temp_dir());
         TrainView {
             name: "a.png".into(),
             lens: Lens(Camera {
@@ -302,9 +304,10 @@ mod tests {
                 params: vec![60.0, 60.0, 32.0, 24.0],
             }),
             camera_from_world: world_from_camera.inverse(),
-            photo: crate::prepare::photo::in_memory(image::RgbImage::new(64, 48)),
+            photo: store.keep_photo(image::RgbImage::new(64, 48)).unwrap(),
             mask: None,
             ignored: None,
+            store,
         }
     }
 
@@ -334,7 +337,7 @@ mod tests {
     }
 
     /// The same with the mask of a ball.
-    fn with_ball(mut view: TrainView, centre: DVec3, radius: f64) -> TrainView {
+    fn with_ball(view: TrainView, centre: DVec3, radius: f64) -> TrainView {
         let world_from_camera = view.camera_from_world.inverse();
         let to_ball = centre - world_from_camera.translation;
         let shows_ball = |x: u32, y: u32| {
@@ -343,10 +346,9 @@ mod tests {
             let ray = world_from_camera.transform_vector(ray).normalize();
             to_ball.dot(ray) > 0.0 && to_ball.reject_from(ray).length() < radius
         };
-        view.mask = Some(image::GrayImage::from_fn(64, 48, |x, y| {
-            image::Luma([255 * u8::from(shows_ball(x, y))])
-        }));
-        view
+        let mask = |x, y| image::Luma([255 * u8::from(shows_ball(x, y))]);
+        let mask = image::GrayImage::from_fn(64, 48, mask);
+        view.with_mask(mask).unwrap()
     }
 
     #[test]

@@ -1,13 +1,17 @@
 //! Masks whose outline is moved outwards or inwards all around.
 
-use image::GrayImage;
+use image::{GrayImage, ImageBuffer, Luma};
+use std::ops::Deref;
 
 use crate::distance::signed_distance;
 
 /// Distances in pixels from the centre of each pixel to the mask's outline, row-major: positive
 /// outside, cut off at `reach`.
 #[must_use]
-pub fn outline_distance(mask: &GrayImage, reach: u32) -> Vec<f32> {
+pub fn outline_distance<C>(mask: &ImageBuffer<Luma<u8>, C>, reach: u32) -> Vec<f32>
+where
+    C: Deref<Target = [u8]>,
+{
     let inside: Vec<bool> = mask.pixels().map(|p| p.0[0] >= 128).collect();
     let shape = [mask.width() as usize, mask.height() as usize];
     signed_distance(&inside, &shape, reach as usize)
@@ -15,19 +19,21 @@ pub fn outline_distance(mask: &GrayImage, reach: u32) -> Vec<f32> {
 
 /// The mask with its outline `by` pixels farther out; farther in where that is negative.
 #[must_use]
-pub fn shifted(mask: &GrayImage, by: f32) -> GrayImage {
+pub fn shifted<C>(mask: &ImageBuffer<Luma<u8>, C>, by: f32) -> GrayImage
+where
+    C: Deref<Target = [u8]>,
+{
     let distances = outline_distance(mask, by.abs().ceil() as u32 + 1);
     let values = distances
         .into_iter()
         .map(|distance| if distance < by { 255 } else { 0 })
         .collect();
-    GrayImage::from_raw(mask.width(), mask.height(), values).unwrap_or_else(|| mask.clone())
+    GrayImage::from_raw(mask.width(), mask.height(), values).unwrap_or_default()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use image::Luma;
 
     fn disc(radius: f32) -> GrayImage {
         GrayImage::from_fn(90, 70, |x, y| {

@@ -7,7 +7,8 @@ pub mod frame;
 pub mod locate;
 pub mod mask_shift;
 pub mod outline;
-pub mod photo;
+pub mod pixels;
+pub mod spans;
 pub mod view;
 pub mod votes;
 
@@ -110,7 +111,7 @@ impl MaskConsensus {
 /// model's sparse points.
 ///
 /// # Errors
-/// When masks or cameras do not determine a box.
+/// When masks or cameras do not determine a box, or there is no room for labels.
 pub fn prepare(
     views: Vec<TrainView>,
     points: &[SparsePoint],
@@ -130,7 +131,7 @@ pub fn prepare(
 /// As [`prepare`], with what the views' masks say, which is known already; `None` where there are none.
 ///
 /// # Errors
-/// When there are no masks, and cameras do not determine a box.
+/// When there are no masks, and cameras do not determine a box, or there is no room for labels.
 pub fn prepare_with(
     views: Vec<TrainView>,
     consensus: Option<MaskConsensus>,
@@ -166,7 +167,7 @@ pub fn prepare_with(
         frame.centre.z,
         2.0 * frame.half_side
     ));
-    let outlines = outlines(&views, &frame, &map, &trust, config, ignore_band);
+    let outlines = outlines(&views, &frame, &map, &trust, config, ignore_band)?;
     let points = points
         .iter()
         .map(|point| frame.normalised_from_world(point.position))
@@ -186,20 +187,27 @@ pub fn prepare_with(
 impl Prepared {
     /// Moves the outline of each view's mask by as many pixels, outwards where positive, and has the
     /// masks vote on space and label the pixels anew. The box stays.
-    pub fn shift_masks(&mut self, shifts: &[f32], config: &PrepareConfig, ignore_band: f32) {
+    ///
+    /// # Errors
+    /// [`PrepareError::Store`] when there is no room for masks and labels.
+    pub fn shift_masks(
+        &mut self,
+        shifts: &[f32],
+        config: &PrepareConfig,
+        ignore_band: f32,
+    ) -> Result<(), PrepareError> {
         if shifts.iter().all(|shift| *shift == 0.0) {
-            return;
+            return Ok(());
         }
-        self.views
-            .par_iter_mut()
-            .zip(shifts)
+        let views = self.views.par_iter_mut().zip(shifts);
+        views
             .filter(|(_, shift)| **shift != 0.0)
-            .for_each(|(view, shift)| {
-                view.mask = view
-                    .mask
-                    .as_ref()
-                    .map(|mask| mask_shift::shifted(mask, *shift));
-            });
+            .try_for_each(|(view, shift)| {
+                if let Some(mask) = &view.mask {
+                    view.mask = Some(view.store.keep_mask(mask_shift::shifted(mask, *shift))?);
+                }
+                Ok::<(), PrepareError>(())
+            })?;
         let votes = vote_grid(&self.views, &self.frame, MAP_RESOLUTION, &self.trust);
         self.map = ProbabilityMap::new(MAP_RESOLUTION, votes);
         self.outlines = outlines(
@@ -209,7 +217,8 @@ impl Prepared {
             &self.trust,
             config,
             ignore_band,
-        );
+        )?;
+        Ok(())
     }
 }
 
@@ -221,18 +230,17 @@ fn outlines(
     trust: &ViewTrust,
     config: &PrepareConfig,
     ignore_band: f32,
-) -> Vec<Outline> {
+) -> Result<Vec<Outline>, PrepareError> {
     const STRIDE: u32 = 2;
-    let silhouettes = silhouettes(views, frame, map, STRIDE);
     views
         .iter()
-        .zip(&silhouettes)
         .zip(&trust.0)
-        .map(|((view, silhouette), &trust)| {
+        .map(|(view, &trust)| {
+            let silhouette = outline::silhouette(view, frame, map, STRIDE);
             let area = silhouette.pixels().filter(|p| p.0[0] >= 128).count() as f32;
             let size = 2.0 * (area / std::f32::consts::PI).sqrt() * STRIDE as f32;
             let band = (0.5 * ignore_band * size).round().max(1.0) as u32;
-            outline::outline(view, silhouette, STRIDE, trust, band, config)
+            outline::outline(view, &silhouette, STRIDE, trust, band, config)
         })
         .collect()
 }

@@ -6,7 +6,10 @@ use neus_render::intersect::{Aabb, ray_box};
 use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
+use super::error::PrepareError;
 use super::frame::Frame;
+use super::pixels::{Mask, PixelBytes};
+use super::spans::PixelSpans;
 use super::view::TrainView;
 use super::votes::ViewTrust;
 use crate::config::PrepareConfig;
@@ -57,12 +60,18 @@ pub struct Outline {
     width: u32,
     /// Whether the view has a mask that is believed.
     masked: bool,
-    labels: Vec<u8>,
-    /// Pixels, row-major numbers, whose ray meets space that may hold the object.
-    pub candidates: Vec<u32>,
+    labels: PixelBytes,
+    /// Pixels whose ray meets space that may hold the object.
+    pub candidates: PixelSpans,
 }
 
 impl Outline {
+    /// Bytes that take room in memory for good.
+    #[must_use]
+    pub fn in_memory(&self) -> usize {
+        self.labels.in_memory()
+    }
+
     /// The label of a pixel.
     #[must_use]
     pub fn label(&self, x: u32, y: u32) -> Label {
@@ -129,23 +138,25 @@ pub fn silhouette(view: &TrainView, frame: &Frame, map: &ProbabilityMap, stride:
     GrayImage::from_raw(w, h, rows).unwrap_or_default()
 }
 
-/// Pixels, row-major numbers, whose ray meets space that m^P gives to the object.
+/// Pixels whose ray meets space that m^P gives to the object.
 #[must_use]
 pub fn candidates(
     view: &TrainView,
     frame: &Frame,
     map: &ProbabilityMap,
     config: &PrepareConfig,
-) -> Vec<u32> {
+) -> PixelSpans {
     const STRIDE: u32 = 2;
     let silhouette = silhouette(view, frame, map, STRIDE);
-    (0..view.width() * view.height())
-        .filter(|i| {
-            let (x, y) = (i % view.width(), i / view.width());
-            let at = |v: u32| (v as f32 + 0.5) / STRIDE as f32;
-            bilinear(&silhouette, at(x), at(y)) >= config.hull_threshold
-        })
-        .collect()
+    let mut candidates = PixelSpans::default();
+    for i in 0..view.width() * view.height() {
+        let (x, y) = (i % view.width(), i / view.width());
+        let at = |v: u32| (v as f32 + 0.5) / STRIDE as f32;
+        if bilinear(&silhouette, at(x), at(y)) >= config.hull_threshold {
+            candidates.push(i);
+        }
+    }
+    candidates
 }
 
 /// How far each mask is believed: by its overlap with what the others say, relative to the median.
@@ -196,7 +207,9 @@ pub fn trust_masks(
 }
 
 /// Labels of one view. `band` is half the width of the distrusted band along the own mask's edge.
-#[must_use]
+///
+/// # Errors
+/// [`PrepareError::Store`] when there is no room for them.
 pub fn outline(
     view: &TrainView,
     silhouette: &GrayImage,
@@ -204,12 +217,12 @@ pub fn outline(
     trust: f32,
     band: u32,
     config: &PrepareConfig,
-) -> Outline {
+) -> Result<Outline, PrepareError> {
     let (width, height) = (view.width(), view.height());
     let mask = view.mask.as_ref().filter(|_| trust >= 0.5);
     let edge = mask.map(|mask| near_edge(mask, band));
     let mut labels = vec![0u8; (width * height) as usize];
-    let mut candidates = Vec::new();
+    let mut candidates = PixelSpans::default();
     for y in 0..height {
         for x in 0..width {
             let i = (y * width + x) as usize;
@@ -248,12 +261,12 @@ pub fn outline(
             };
         }
     }
-    Outline {
+    Ok(Outline {
         width,
         masked: mask.is_some(),
-        labels,
+        labels: view.store.keep(labels)?,
         candidates,
-    }
+    })
 }
 
 /// Value in `[0, 1]` at a position in pixels, between pixel centres.
@@ -275,7 +288,7 @@ fn bilinear(image: &GrayImage, x: f32, y: f32) -> f32 {
 }
 
 /// Pixels within `band` (in the sense of a square window) of a pixel of the other kind.
-fn near_edge(mask: &GrayImage, band: u32) -> Vec<bool> {
+fn near_edge(mask: &Mask, band: u32) -> Vec<bool> {
     let (w, h) = (mask.width() as usize, mask.height() as usize);
     let inside: Vec<bool> = mask.pixels().map(|p| p.0[0] >= 128).collect();
     let band = band as usize;

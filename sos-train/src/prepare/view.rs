@@ -9,7 +9,7 @@ use std::path::Path;
 
 use super::error::PrepareError;
 use super::frame::Frame;
-use super::photo::{Photo, PhotoStore, in_memory};
+use super::pixels::{Mask, Photo, PixelStore};
 
 /// A lens, as the renderer asks for it.
 #[derive(Clone, Debug)]
@@ -37,34 +37,51 @@ pub struct TrainView {
     /// The photo, 8-bit sRGB.
     pub photo: Photo,
     /// The rough mask, white is the object, where there is one.
-    pub mask: Option<GrayImage>,
+    pub mask: Option<Mask>,
     /// Not black where the photo is not to be learned from, where that was said.
-    pub ignored: Option<GrayImage>,
+    pub ignored: Option<Mask>,
+    /// Where all of these are kept.
+    pub store: PixelStore,
 }
 
 impl TrainView {
     /// The same view at `1 / factor` of its width and height, averaged.
-    #[must_use]
-    pub fn downscaled(&self, factor: u32) -> Self {
+    ///
+    /// # Errors
+    /// [`PrepareError::Store`] when there is no room for it.
+    pub fn downscaled(&self, factor: u32) -> Result<Self, PrepareError> {
         let part = |pixels: u32| (pixels / factor.max(1)).max(1);
         let (width, height) = (part(self.width()), part(self.height()));
         // A tent as wide as two of the new pixels: what is finer does not come back as a pattern.
         let filter = image::imageops::FilterType::Triangle;
-        Self {
+        let smaller = |mask: &Option<Mask>| {
+            mask.as_ref()
+                .map(|mask| image::imageops::resize(mask, width, height, filter))
+                .map(|mask| self.store.keep_mask(mask))
+                .transpose()
+        };
+        let photo = image::imageops::resize(&self.photo, width, height, filter);
+        Ok(Self {
             name: self.name.clone(),
             lens: Lens(self.lens.0.scaled_to(width, height)),
             camera_from_world: self.camera_from_world,
-            photo: in_memory(image::imageops::resize(&self.photo, width, height, filter)),
-            mask: self
-                .mask
-                .as_ref()
-                .map(|mask| image::imageops::resize(mask, width, height, filter)),
+            photo: self.store.keep_photo(photo)?,
+            mask: smaller(&self.mask)?,
             // A pixel that holds any of it is out.
-            ignored: self
-                .ignored
-                .as_ref()
-                .map(|ignored| image::imageops::resize(ignored, width, height, filter)),
-        }
+            ignored: smaller(&self.ignored)?,
+            store: self.store.clone(),
+        })
+    }
+
+    /// The same view with another rough mask, white is the object.
+    ///
+    /// # Errors
+    /// [`PrepareError::Store`] when there is no room for it.
+    pub fn with_mask(self, mask: GrayImage) -> Result<Self, PrepareError> {
+        Ok(Self {
+            mask: Some(self.store.keep_mask(mask)?),
+            ..self
+        })
     }
 
     /// Whether a pixel of the photo is not to be learned from.
@@ -75,6 +92,14 @@ impl TrainView {
             .as_ref()
             .and_then(|all| all.get_pixel_checked(x, y));
         at.is_some_and(|pixel| pixel.0[0] > 0)
+    }
+
+    /// Bytes that take room in memory for good.
+    #[must_use]
+    pub fn in_memory(&self) -> usize {
+        let masks = [&self.mask, &self.ignored].into_iter().flatten();
+        let masks = masks.map(|mask| mask.as_raw().in_memory());
+        self.photo.as_raw().in_memory() + masks.sum::<usize>()
     }
 
     /// Pixels across.
@@ -122,9 +147,14 @@ impl TrainView {
 }
 
 /// The views at `1 / factor` of their width and height.
-#[must_use]
-pub(crate) fn all_downscaled(views: &[TrainView], factor: u32) -> Vec<TrainView> {
-    let views = views.par_iter();
+///
+/// # Errors
+/// [`PrepareError::Store`] when there is no room for them.
+pub(crate) fn all_downscaled(
+    views: Vec<TrainView>,
+    factor: u32,
+) -> Result<Vec<TrainView>, PrepareError> {
+    let views = views.into_par_iter();
     views.map(|view| view.downscaled(factor)).collect()
 }
 
@@ -143,24 +173,24 @@ pub(crate) fn camera_of<'a>(model: &'a Model, view: &View) -> Result<&'a Camera,
 
 /// Reads every registered photo and its mask.
 ///
-/// Photos that are too many for the memory lie in files of the system's folder for temporary ones
-/// (`TMPDIR`).
+/// What is too much for the memory lies in files of the system's folder for temporary ones (`TMPDIR`).
 ///
 /// # Errors
-/// When a photo or a mask can't be read, or there is no room for photos.
+/// When a photo or a mask can't be read, or there is no room for them.
 pub fn load_views(scene: &Scene, masks: Option<&MaskSet>) -> Result<Vec<TrainView>, PrepareError> {
-    let store = PhotoStore::new(&std::env::temp_dir());
+    let store = PixelStore::new(&std::env::temp_dir());
     scene
         .model
         .views
         .par_iter()
         .enumerate()
         .map(|(i, view)| {
-            let photo = store.keep(scene.read_photo(view)?.into_rgb8())?;
+            let photo = store.keep_photo(scene.read_photo(view)?.into_rgb8())?;
             let mask = match masks {
                 Some(masks) => masks.load(i, photo.width(), photo.height())?,
                 None => None,
             };
+            let mask = mask.map(|mask| store.keep_mask(mask)).transpose()?;
             let camera = camera_of(&scene.model, view)?;
             Ok(TrainView {
                 name: view.name.clone(),
@@ -169,6 +199,7 @@ pub fn load_views(scene: &Scene, masks: Option<&MaskSet>) -> Result<Vec<TrainVie
                 photo,
                 mask,
                 ignored: None,
+                store: store.clone(),
             })
         })
         .collect()
@@ -177,12 +208,15 @@ pub fn load_views(scene: &Scene, masks: Option<&MaskSet>) -> Result<Vec<TrainVie
 /// Reads what is not to be learned from in the photos of [`load_views`].
 ///
 /// # Errors
-/// When a picture can't be read or has another shape than its photo.
+/// When a picture can't be read or has another shape than its photo, or there is no room for it.
 pub fn load_ignored(views: &mut [TrainView], ignored: &MaskSet) -> Result<(), PrepareError> {
     let views = views.par_iter_mut().enumerate();
     views
         .map(|(i, view)| {
-            view.ignored = ignored.load(i, view.width(), view.height())?;
+            let ignored = ignored.load(i, view.width(), view.height())?;
+            view.ignored = ignored
+                .map(|ignored| view.store.keep_mask(ignored))
+                .transpose()?;
             Ok(())
         })
         .collect()

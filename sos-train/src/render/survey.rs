@@ -1,6 +1,6 @@
 //! A coarse look at every view, to know which views saw what lies behind the object.
 
-use crate::prepare::photo::Photo;
+use crate::prepare::pixels::Photo;
 use glam::{Affine3A, Vec2, Vec3};
 use neus_render::rays::Ray;
 use rayon::prelude::*;

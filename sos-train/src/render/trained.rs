@@ -36,7 +36,7 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     let consensus = consensus.transpose()?;
     let (views, photos) = match sizes.downscale {
         0 | 1 => (photos, None),
-        factor => (all_downscaled(&photos, factor), Some(photos)),
+        factor => (all_downscaled(photos.clone(), factor)?, Some(photos)),
     };
     let band = config.loss.ignore_band;
     let mut data = match consensus {
@@ -45,7 +45,7 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     };
     let mut trainer = Trainer::new(&config, &data)?;
     trainer.load(run)?;
-    data.shift_masks(trainer.mask_shifts(), &config.prepare, band);
+    data.shift_masks(trainer.mask_shifts(), &config.prepare, band)?;
     if let Some(photos) = photos {
         // Labels are of the size that was trained on, and no longer asked for.
         data.views = photos;

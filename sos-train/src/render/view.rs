@@ -36,7 +36,7 @@ pub fn render_view(
     // Only where the object can be: elsewhere its matte is zero and the plate is the photo.
     let candidates = outline::candidates(view, &data.frame, &scene.map, &scene.config.prepare);
     let (mut at, mut rays) = (Vec::new(), Vec::new());
-    for &i in &candidates {
+    for i in candidates.iter() {
         if let Some(ray) = ray_at(centre(i)) {
             at.push(i);
             rays.push(ray);

@@ -18,6 +18,7 @@ use crate::export::{LogRecord, TrainLog, read_log, write_found_mask, write_mesh,
 use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::live::{LiveView, Wish, attend};
 use crate::prepare::error::PrepareError;
+use crate::prepare::pixels::copied;
 use crate::prepare::view::{all_downscaled, load_ignored, load_views};
 use crate::prepare::{MaskConsensus, Prepared, TrainView, prepare, prepare_with};
 use crate::progress::{Progress, ProgressState};
@@ -91,7 +92,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
             trainer.mask_shifts(),
             &config.prepare,
             config.loss.ignore_band,
-        );
+        )?;
         log = Some(TrainLog::resume(&job.run, trainer.step_number())?);
     }
     let mut log = match log {
@@ -170,7 +171,7 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
     if job.resume && found.is_dir() {
         let masks = MaskSet::find(&found, &job.scene, Some(Polarity::WhiteIsObject))?;
         return Ok(Some(MaskedViews {
-            views: downscaled(photos(job, Some(&masks))?, job),
+            views: downscaled(photos(job, Some(&masks))?, job)?,
             consensus: None,
             notes: Vec::new(),
         }));
@@ -192,14 +193,17 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
         }
         consensus = Some(found);
     }
-    views = downscaled(views, job);
+    views = downscaled(views, job)?;
     let with_mask: Vec<usize> = (0..views.len())
         .filter(|&i| views[i].mask.is_some())
         .collect();
     let hint = match with_mask.as_slice() {
         [] => job.hint.downscaled(job.config.prepare.downscale),
-        &[view] => match views[view].mask.clone() {
-            Some(mask) => Hint::Mask { view, mask },
+        &[view] => match &views[view].mask {
+            Some(mask) => Hint::Mask {
+                view,
+                mask: mask.clone(),
+            },
             None => Hint::Nothing,
         },
         _ => {
@@ -231,9 +235,8 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
         progress.note(note);
     }
     for (view, mask) in views.iter_mut().zip(discovery.masks) {
-        let mask = view.mask.take().unwrap_or(mask);
-        write_found_mask(&job.run, &view.name, &mask)?;
-        view.mask = Some(mask);
+        let mask = view.mask.get_or_insert(mask);
+        write_found_mask(&job.run, &view.name, &copied(mask))?;
     }
     Ok(Some(MaskedViews {
         views,
@@ -252,10 +255,10 @@ fn photos(job: &TrainJob, masks: Option<&MaskSet>) -> Result<Vec<TrainView>, Pre
 }
 
 /// The views at the size that is trained on.
-fn downscaled(views: Vec<TrainView>, job: &TrainJob) -> Vec<TrainView> {
+fn downscaled(views: Vec<TrainView>, job: &TrainJob) -> Result<Vec<TrainView>, PrepareError> {
     match job.config.prepare.downscale {
-        0 | 1 => views,
-        factor => all_downscaled(&views, factor),
+        0 | 1 => Ok(views),
+        factor => all_downscaled(views, factor),
     }
 }
 
@@ -288,7 +291,7 @@ fn train(
     // Time in which the run was paused.
     let mut paused = Duration::ZERO;
     while trainer.step_number() < config.steps {
-        let fitted = trainer.fit_masks(data);
+        let fitted = trainer.fit_masks(data)?;
         for note in fitted.into_iter().chain(trainer.majority_note()) {
             progress.note(&note);
             log.note(trainer.step_number(), &note)?;

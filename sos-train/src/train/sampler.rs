@@ -115,7 +115,7 @@ impl Sampler {
         if !self.with_object.is_empty() && random.random::<f32>() < self.object_share {
             let view = self.with_object[random.random_range(0..self.with_object.len())];
             let candidates = &scene.outlines[view].candidates;
-            let pixel = candidates[random.random_range(0..candidates.len())];
+            let pixel = candidates.nth(random.random_range(0..candidates.len()));
             let width = scene.views[view].width();
             return (view, pixel % width, pixel / width);
         }
@@ -140,14 +140,25 @@ impl Sampler {
 /// The candidates' bounding rectangle, grown by half its size on every side.
 fn surroundings(scene: &Prepared, view: usize) -> [u32; 4] {
     let (width, height) = (scene.views[view].width(), scene.views[view].height());
-    let candidates = &scene.outlines[view].candidates;
-    let columns = candidates.iter().map(|i| i % width);
-    let (Some(x0), Some(x1)) = (columns.clone().min(), columns.max()) else {
+    // Each row of a run that goes on beyond its row is a whole one.
+    let rectangle = scene.outlines[view].candidates.runs().map(|(a, b)| {
+        let whole = a / width != b / width;
+        let (left, right) = if whole {
+            (0, width - 1)
+        } else {
+            (a % width, b % width)
+        };
+        [left, a / width, right, b / width]
+    });
+    let Some([x0, y0, x1, y1]) = rectangle.reduce(|a, b| {
+        [
+            a[0].min(b[0]),
+            a[1].min(b[1]),
+            a[2].max(b[2]),
+            a[3].max(b[3]),
+        ]
+    }) else {
         return [0, 0, width, height];
-    };
-    let (y0, y1) = match (candidates.first(), candidates.last()) {
-        (Some(first), Some(last)) => (first / width, last / width),
-        _ => (0, height - 1),
     };
     let (grow_x, grow_y) = ((x1 - x0) / 2 + 8, (y1 - y0) / 2 + 8);
     [

@@ -11,6 +11,7 @@ use scene_decomp::SurfaceVotes;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::depth::{DepthPicture, depth_picture, depth_pictures};
+use crate::prepare::error::PrepareError;
 use crate::prepare::mask_shift::outline_distance;
 use crate::prepare::{Prepared, TrainView};
 use crate::render::rays::FrozenScene;
@@ -37,10 +38,13 @@ const ROUNDS: usize = 3;
 impl Trainer {
     /// Just before the carving, moves outlines of masks that are all too small, or all too large, to
     /// where geometry says they are. Returns what was done, for people; `None` if nothing.
-    pub fn fit_masks(&mut self, data: &mut Prepared) -> Option<String> {
+    ///
+    /// # Errors
+    /// [`PrepareError::Store`] when there is no room for them.
+    pub fn fit_masks(&mut self, data: &mut Prepared) -> Result<Option<String>, PrepareError> {
         let config = self.config().clone();
         if !config.prepare.fit_masks || !self.is_carving_due() {
-            return None;
+            return Ok(None);
         }
         let scene = self.freeze_before();
         let mut total = vec![0.0; data.views.len()];
@@ -49,7 +53,7 @@ impl Trainer {
             let Some(shifts) = errors(&scene, data, &map, config.prepare.crop_threshold) else {
                 break;
             };
-            data.shift_masks(&shifts, &config.prepare, config.loss.ignore_band);
+            data.shift_masks(&shifts, &config.prepare, config.loss.ignore_band)?;
             self.votes = cast(
                 data,
                 &depth_pictures(&scene, data, super::RAYS),
@@ -62,16 +66,18 @@ impl Trainer {
         }
         let mut sizes: Vec<f32> = total.iter().copied().filter(|t| *t != 0.0).collect();
         sizes.sort_by(f32::total_cmp);
-        let median = *sizes.get(sizes.len() / 2)?;
+        let Some(&median) = sizes.get(sizes.len() / 2) else {
+            return Ok(None);
+        };
         for (sum, shift) in self.mask_shifts.iter_mut().zip(total) {
             *sum += shift;
         }
-        Some(format!(
+        Ok(Some(format!(
             "masks are too {} all around, by {:.1} pixels in the middle view, and are moved {}",
             if median > 0.0 { "small" } else { "large" },
             median.abs(),
             if median > 0.0 { "outwards" } else { "inwards" },
-        ))
+        )))
     }
 }
 
