@@ -5,7 +5,7 @@ use super::hull::{write_hull, write_masks};
 use super::input::{Plan, mask_source};
 use super::train::{quoted, train_run, whole_seconds};
 use super::{AblateArgs, SettingArgs, TrainArgs, complain, program};
-use crate::ablation::{Ablation, DECISIONS, Kind, RIVALS, Row, Scored, Start, TABLE};
+use crate::ablation::{Ablation, DECISIONS, Kind, RIVALS, Row, Scored, Start, TABLE, Trial};
 use crate::config::RunRecord;
 use crate::error::{EXIT_OK, InputError, sentence};
 use crate::report::comparison_page;
@@ -24,25 +24,25 @@ const TABLE_FILES: [&str; 3] = ["ablation.md", "ablation.json", "ablation.html"]
 /// Trains what is not there yet, scores everything, writes the table.
 pub(super) fn ablate(args: &AblateArgs) -> anyhow::Result<u8> {
     let place = Place::find(args)?;
-    let rows = wanted(args);
+    let rows = place.trials(args, wanted(args))?;
     // All that is there must belong to this table, before hours are spent on what is not.
-    for row in &rows {
-        place.check(args, row)?;
+    for trial in &rows {
+        place.check(args, trial)?;
     }
     // What takes no time first: it also shows whether the truth fits.
-    let (quick, slow): (Vec<Row>, Vec<Row>) = rows
+    let (quick, slow): (Vec<Trial>, Vec<Trial>) = rows
         .iter()
-        .partition(|row| !matches!(row.kind, Kind::Run { .. }));
-    for row in &quick {
-        place.make(args, row)?;
+        .partition(|trial| !matches!(trial.row.kind, Kind::Run { .. }));
+    for trial in &quick {
+        place.make(args, trial)?;
     }
     let mut failed = None;
-    for row in &slow {
-        let code = match place.make(args, row) {
+    for trial in &slow {
+        let code = match place.make(args, trial) {
             Ok(code) => code,
             // That a part of the method does not do alone is a result as well.
             Err(error) => {
-                let error = error.context(format!("the row {:?} failed", row.title));
+                let error = error.context(format!("the row {:?} failed", trial.title()));
                 complain(&sentence(&error));
                 failed = Some(error);
                 continue;
@@ -52,7 +52,7 @@ pub(super) fn ablate(args: &AblateArgs) -> anyhow::Result<u8> {
             let _ = writeln!(
                 std::io::stderr(),
                 "the ablation is not complete; the same command goes on with {}",
-                quoted(&place.out.join(row.name))
+                quoted(&place.out.join(trial.folder()))
             );
             return Ok(code);
         }
@@ -145,9 +145,28 @@ impl Place {
         Ok(Self { masks, gt, out })
     }
 
-    fn state(&self, row: &Row) -> State {
-        let dir = self.out.join(row.name);
-        match row.kind {
+    /// Each of `rows` with every seed that is asked for.
+    fn trials(
+        &self,
+        args: &AblateArgs,
+        rows: impl IntoIterator<Item = Row>,
+    ) -> anyhow::Result<Vec<Trial>> {
+        let plain = TrainArgs {
+            scene: Some(args.scene.clone()),
+            preset: args.preset,
+            settings: args.settings.clone(),
+            ..TrainArgs::default()
+        };
+        let first = Plan::new(&plain)?.config.seed;
+        let rows = rows.into_iter();
+        Ok(rows
+            .flat_map(|row| Trial::of(row, first, args.seeds))
+            .collect())
+    }
+
+    fn state(&self, trial: &Trial) -> State {
+        let dir = self.out.join(trial.folder());
+        match trial.row.kind {
             // Renamed when complete.
             Kind::Masks | Kind::Hull if dir.join("alpha").is_dir() => State::Finished,
             Kind::Masks | Kind::Hull => State::Nothing,
@@ -162,11 +181,13 @@ impl Place {
     }
 
     /// What `sos train` would be asked for a row; nothing for one that is no run.
-    fn command(&self, args: &AblateArgs, row: &Row) -> Option<TrainArgs> {
-        let Kind::Run { start, settings } = row.kind else {
+    fn command(&self, args: &AblateArgs, trial: &Trial) -> Option<TrainArgs> {
+        let Kind::Run { start, settings } = trial.row.kind else {
             return None;
         };
         let own = settings.iter().map(|setting| (*setting).to_owned());
+        // Last of all: it is to hold whatever the user's settings say of the first one.
+        let own = own.chain(trial.seed.map(|seed| format!("seed={seed}")));
         Some(TrainArgs {
             scene: Some(args.scene.clone()),
             masks: Some(match start {
@@ -174,7 +195,7 @@ impl Place {
                 Start::Nothing => "none".into(),
             }),
             polarity: args.polarity.filter(|_| start == Start::Masks),
-            out: Some(self.out.join(row.name)),
+            out: Some(self.out.join(trial.folder())),
             preset: args.preset,
             settings: SettingArgs {
                 set: args.settings.set.iter().cloned().chain(own).collect(),
@@ -188,15 +209,15 @@ impl Place {
 
     /// Whether what is there of a row was made with the settings of this table, and whether these make
     /// sense at all.
-    fn check(&self, args: &AblateArgs, row: &Row) -> anyhow::Result<()> {
-        let Some(command) = self.command(args, row) else {
+    fn check(&self, args: &AblateArgs, trial: &Trial) -> anyhow::Result<()> {
+        let Some(command) = self.command(args, trial) else {
             return Ok(());
         };
         let mut wanted = Plan::new(&command)?.config;
-        if self.state(row) == State::Nothing {
+        if self.state(trial) == State::Nothing {
             return Ok(());
         }
-        let dir = self.out.join(row.name);
+        let dir = self.out.join(trial.folder());
         let path = dir.join("config.toml");
         let text = fs::read_to_string(&path).map_err(|source| RunError::Io {
             action: "read",
@@ -206,7 +227,7 @@ impl Place {
         let record = RunRecord::from_toml(&text).with_context(|| path.display().to_string())?;
         let full = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
         let given = matches!(
-            row.kind,
+            trial.row.kind,
             Kind::Run {
                 start: Start::Masks,
                 ..
@@ -244,20 +265,20 @@ impl Place {
     }
 
     /// Makes what is missing of a row; gives the exit code.
-    fn make(&self, args: &AblateArgs, row: &Row) -> anyhow::Result<u8> {
-        let state = self.state(row);
-        let is_run = matches!(row.kind, Kind::Run { .. });
+    fn make(&self, args: &AblateArgs, trial: &Trial) -> anyhow::Result<u8> {
+        let state = self.state(trial);
+        let is_run = matches!(trial.row.kind, Kind::Run { .. });
         let say = |what: &str| {
             if !args.quiet {
-                let _ = writeln!(std::io::stderr(), "== {}: {what}", row.title);
+                let _ = writeln!(std::io::stderr(), "== {}: {what}", trial.title());
             }
         };
         if state == State::Finished && is_run {
             say("is there");
             return Ok(EXIT_OK);
         }
-        say(&row.definition());
-        let alpha = self.out.join(row.name).join("alpha");
+        say(&trial.definition());
+        let alpha = self.out.join(trial.folder()).join("alpha");
         // Made in seconds, and nothing in it says of which masks it was made.
         if state == State::Finished {
             fs::remove_dir_all(&alpha).map_err(|source| RunError::Io {
@@ -266,11 +287,11 @@ impl Place {
                 source,
             })?;
         }
-        match row.kind {
+        match trial.row.kind {
             Kind::Masks => write_masks(&args.scene, &self.masks, args.polarity, &alpha)?,
             Kind::Hull => write_hull(&args.scene, &self.masks, args.polarity, &alpha)?,
             Kind::Run { .. } => {
-                let Some(command) = self.command(args, row) else {
+                let Some(command) = self.command(args, trial) else {
                     return Ok(EXIT_OK);
                 };
                 let (code, _) = train_run(&TrainArgs {
@@ -288,39 +309,35 @@ impl Place {
 
     /// Scores all rows that are there, prints the table and writes it.
     fn summarise(&self, args: &AblateArgs) -> anyhow::Result<()> {
-        let rows: Vec<Row> = Row::every()
-            .filter(|row| self.state(row) == State::Finished)
-            .collect();
+        let finished = |trial: &Trial| self.state(trial) == State::Finished;
+        let trials = self.trials(args, Row::every())?.into_iter();
         // Those that were not asked for belong to the table only if they have its settings.
-        let rows: Vec<Row> = rows
-            .into_iter()
-            .filter(|row| self.check(args, row).is_ok())
+        let trials: Vec<Trial> = trials
+            .filter(finished)
+            .filter(|trial| self.check(args, trial).is_ok())
             .collect();
-        let contender = |row: &Row| Contender {
-            name: row.title.to_owned(),
-            dir: self.out.join(row.name),
+        let contender = |trial: &Trial| Contender {
+            name: trial.title(),
+            dir: self.out.join(trial.folder()),
         };
-        let contenders: Vec<Contender> = rows.iter().map(contender).collect();
+        let contenders: Vec<Contender> = trials.iter().map(contender).collect();
         let comparison = compare_contenders(&contenders, &self.gt)?;
-        let table = comparison.table();
         let page = comparison_page(&comparison, &contenders, &self.gt)?;
-        let scored = rows.iter().zip(comparison.contenders);
-        let ablation = Ablation {
-            scene: args.scene.display().to_string(),
-            settings: settings_of(args),
-            rows: scored
-                .map(|(row, compared)| Scored {
-                    row: row.name,
-                    definition: row.definition(),
-                    seconds: RunFolder::open_existing(&self.out.join(row.name))
-                        .ok()
-                        .and_then(|run| whole_seconds(&run)),
-                    compared,
-                })
-                .collect(),
-        };
+        let scored = trials.iter().zip(comparison.contenders);
+        let rows = scored.map(|(trial, compared)| Scored {
+            row: trial.row.name,
+            title: trial.row.title,
+            folder: trial.folder(),
+            definition: trial.definition(),
+            seconds: RunFolder::open_existing(&self.out.join(trial.folder()))
+                .ok()
+                .and_then(|run| whole_seconds(&run)),
+            compared,
+        });
+        let scene = args.scene.display().to_string();
+        let ablation = Ablation::new(scene, settings_of(args), rows.collect());
         // A table is the answer, however quiet all else is.
-        Voice::of(args.json, false).answer(&ablation, &table)?;
+        Voice::of(args.json, false).answer(&ablation, &ablation.table())?;
         let [markdown, json, html] = TABLE_FILES.map(|name| self.out.join(name));
         write_whole(&markdown, ablation.markdown().as_bytes())?;
         write_whole(&json, serde_json::to_string_pretty(&ablation)?.as_bytes())?;

@@ -135,6 +135,44 @@ fn rows_are_trained_once_and_scored_together() {
 }
 
 #[test]
+fn seeds_are_runs_of_their_own_with_a_spread() {
+    let dir = tempfile::tempdir().unwrap();
+    crate::fabricated::SCENE
+        .write(&dir.path().join("scene"))
+        .unwrap();
+    let only = ["--only", "all", "--only", "mask", "--set", "seed=7"];
+    let few = ["--steps", "3", "--seeds", "2"];
+    let (code, printed, said) = ablate(dir.path(), &[&few[..], &only].concat());
+    assert_eq!(code, Some(0), "{said}");
+    let table = dir.path().join("table");
+    for (folder, seed) in [("all", 7), ("all-seed8", 8)] {
+        let config = fs::read_to_string(table.join(folder).join("config.toml")).unwrap();
+        assert!(config.contains(&format!("\nseed = {seed}\n")), "{config}");
+    }
+    let json = fs::read_to_string(table.join("ablation.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    // The masks themselves, and two runs.
+    let iou = |i: usize| json["rows"][i]["report"]["mean"]["iou"].as_f64().unwrap();
+    assert_eq!(json["rows"].as_array().unwrap().len(), 3);
+    let over = &json["over_seeds"];
+    assert_eq!(over.as_array().unwrap().len(), 1);
+    assert_eq!(
+        (&over[0]["row"], &over[0]["runs"]),
+        (&"all".into(), &2.into())
+    );
+    let spread = |key: &str| over[0]["iou"][key].as_f64().unwrap();
+    assert!((spread("mean") - 0.5 * (iou(1) + iou(2))).abs() < 1e-12);
+    assert!((spread("deviation") - (iou(1) - iou(2)).abs() / 2f64.sqrt()).abs() < 1e-12);
+    let markdown = fs::read_to_string(table.join("ablation.md")).unwrap();
+    for text in [&printed, &markdown] {
+        assert!(
+            text.contains("over seeds") && text.contains(" ± "),
+            "{text}"
+        );
+    }
+}
+
+#[test]
 fn what_a_table_needs_is_asked_for_before_anything_is_trained() {
     let dir = tempfile::tempdir().unwrap();
     let scene = dir.path().join("scene");

@@ -25,9 +25,13 @@
 //!
 //! [`DECISIONS`] change one setting of the default preset each, to what the paper or others choose.
 
+mod spread;
+
 use serde::Serialize;
 use sos_eval::{Compared, Comparison};
 use std::fmt::Write as _;
+
+pub use spread::{OverSeeds, Spread};
 
 /// A line of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -198,6 +202,53 @@ impl Row {
     }
 }
 
+/// A row with a seed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Trial {
+    /// The row.
+    pub row: Row,
+    /// A seed of its own; none for the one that the settings have.
+    pub seed: Option<u64>,
+}
+
+impl Trial {
+    /// `row` with the settings' seed `first` and, if it is a run, the `seeds - 1` after it.
+    pub fn of(row: Row, first: u64, seeds: u32) -> impl Iterator<Item = Self> {
+        let more = match row.kind {
+            Kind::Masks | Kind::Hull => 0,
+            Kind::Run { .. } => u64::from(seeds.saturating_sub(1)),
+        };
+        let others = (1..=more).map(move |i| Some(first.wrapping_add(i)));
+        let all = std::iter::once(None).chain(others);
+        all.map(move |seed| Self { row, seed })
+    }
+
+    /// Its folder.
+    #[must_use]
+    pub fn folder(&self) -> String {
+        self.named(self.row.name, "-seed")
+    }
+
+    /// What it is called in the table.
+    #[must_use]
+    pub fn title(&self) -> String {
+        self.named(self.row.title, ", seed ")
+    }
+
+    fn named(&self, what: &str, before_seed: &str) -> String {
+        match self.seed {
+            None => what.to_owned(),
+            Some(seed) => format!("{what}{before_seed}{seed}"),
+        }
+    }
+
+    /// What it is, in the words of the command line.
+    #[must_use]
+    pub fn definition(&self) -> String {
+        self.named(&self.row.definition(), " --seed ")
+    }
+}
+
 /// The table as it is written down.
 #[derive(Debug, Clone, Serialize)]
 pub struct Ablation {
@@ -207,14 +258,22 @@ pub struct Ablation {
     pub settings: String,
     /// In the table's order.
     pub rows: Vec<Scored>,
+    /// Rows that ran with more than one seed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub over_seeds: Vec<OverSeeds>,
 }
 
 /// A row with its scores.
 #[derive(Debug, Clone, Serialize)]
 pub struct Scored {
-    /// The row's folder.
+    /// The row's name.
     pub row: &'static str,
-    /// What it is: [`Row::definition`].
+    /// The row's title.
+    #[serde(skip)]
+    pub title: &'static str,
+    /// Its folder.
+    pub folder: String,
+    /// What it is: [`Trial::definition`].
     pub definition: String,
     /// Seconds of its whole run, pictures included; none where nothing was trained.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -225,6 +284,28 @@ pub struct Scored {
 }
 
 impl Ablation {
+    /// Of `rows` in the table's order.
+    #[must_use]
+    pub fn new(scene: String, settings: String, rows: Vec<Scored>) -> Self {
+        Self {
+            scene,
+            settings,
+            over_seeds: spread::over_seeds(&rows),
+            rows,
+        }
+    }
+
+    /// The table as aligned text.
+    #[must_use]
+    pub fn table(&self) -> String {
+        let mut out = self.comparison().table();
+        if !self.over_seeds.is_empty() {
+            out.push_str("\nmean and standard deviation over seeds\n");
+            out.push_str(&spread::table(&self.over_seeds));
+        }
+        out
+    }
+
     /// The scores alone.
     #[must_use]
     pub fn comparison(&self) -> Comparison {
@@ -247,11 +328,16 @@ impl Ablation {
              connectivity error when lower. Plate: PSNR in dB where seen. Mesh: chamfer distance in % \
              of the object's size.\n\n",
         );
+        if !self.over_seeds.is_empty() {
+            out.push_str("Mean and standard deviation over seeds:\n\n");
+            out.push_str(&spread::markdown(&self.over_seeds));
+            out.push('\n');
+        }
         for row in &self.rows {
             let _ = write!(
                 out,
                 "- {} (`{}/`): `{}`",
-                row.compared.name, row.row, row.definition
+                row.compared.name, row.folder, row.definition
             );
             if let Some(seconds) = row.seconds {
                 let _ = write!(out, ", {seconds:.0} s");
