@@ -104,22 +104,19 @@ pub(crate) fn locate<const HASHED: bool, const SMOOTH: bool>(
     }
 }
 
-/// Asks for the cache lines of a block's corners.
+/// Asks for the cache line of one corner of one of a block's cells.
 #[inline(always)]
-pub(crate) fn prefetch(table: &[f32], cells: &Cells) {
+pub(crate) fn prefetch(table: &[f32], cells: &Cells, corner: usize, point: usize) {
     #[cfg(target_arch = "x86_64")]
-    for c in 0..8 {
-        for i in 0..LANES {
-            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            let at = table
-                .as_ptr()
-                .wrapping_add(FEATURES * cells.index[c][i] as usize);
-            // SAFETY: a prefetch is a hint; it faults for no address.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) };
-        }
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let entry = FEATURES * cells.index[corner][point] as usize;
+        let at = table.as_ptr().wrapping_add(entry);
+        // SAFETY: a prefetch is a hint; it faults for no address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) };
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = (table, cells);
+    let _ = (table, cells, corner, point);
 }
 
 /// Panics unless every index that [`locate`] can return for `level` lies within `values`.

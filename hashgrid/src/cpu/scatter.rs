@@ -160,48 +160,56 @@ impl WithSimd for Scatter<'_> {
 }
 
 impl Scatter<'_> {
+    /// The cells of up to 16 points from `start` on.
+    #[inline(always)]
+    fn cells<const HASHED: bool, const SMOOTH: bool>(&self, start: usize) -> Cells {
+        let count = LANES.min(self.position[0].len() - start);
+        let [x, y, z] = take_all(&self.position, start, count);
+        locate::<HASHED, SMOOTH>(self.level, &x, &y, &z)
+    }
+
     #[inline(always)]
     fn run<const HASHED: bool, const SMOOTH: bool>(mut self) {
         let n = self.position[0].len();
-        let locate = |start: usize| {
-            let count = LANES.min(n - start);
-            let [x, y, z] = self.position.map(|axis| take(axis, start, count));
-            locate::<HASHED, SMOOTH>(self.level, &x, &y, &z)
-        };
         // As on the way forward: one block's cache lines travel while the other's are written.
         let mut ring = [Cells::EMPTY, Cells::EMPTY];
         if n > 0 {
-            ring[0] = locate(0);
+            ring[0] = self.cells::<HASHED, SMOOTH>(0);
         }
         let mut start = 0;
         while start < n {
             let count = LANES.min(n - start);
             let which = (start / LANES) & 1;
             if start + LANES < n {
-                ring[1 - which] = locate(start + LANES);
-                prefetch(self.grad, &ring[1 - which]);
+                ring[1 - which] = self.cells::<HASHED, SMOOTH>(start + LANES);
             }
             let cells = &ring[which];
-            let d_value = self.d_value.map(|row| take(row, start, count));
+            let d_value = take_all(&self.d_value, start, count);
             let rows = match self.slopes {
                 Slopes::None => corner_gradients(cells, &d_value),
                 Slopes::Product { scale, normal } => {
-                    let scale = scale.map(|row| take(row, start, count));
-                    let normal = normal.map(|row| take(row, start, count));
+                    let scale = take_all(&scale, start, count);
+                    let normal = take_all(&normal, start, count);
                     product_gradients(cells, &d_value, &scale, &normal)
                 }
                 Slopes::Full(rows) => {
-                    let slopes = rows.map(|rows| rows.map(|row| take(row, start, count)));
+                    let [first, second] = &rows;
+                    let slopes = [
+                        take_all(first, start, count),
+                        take_all(second, start, count),
+                    ];
                     full_gradients(cells, &d_value, &slopes)
                 }
             };
-            add(self.grad, self.touched.as_deref_mut(), cells, &rows, count);
+            let touched = self.touched.as_deref_mut();
+            add(self.grad, touched, cells, &rows, count, &ring[1 - which]);
             start += LANES;
         }
     }
 }
 
-/// Adds `rows` (`[feature][corner][point]`) of the first `count` points to their entries.
+/// Adds `rows` (`[feature][corner][point]`) of the first `count` points to their entries; the lines of
+/// the `following` block's entries are asked for in between.
 #[inline(always)]
 fn add(
     grad: &mut [f32],
@@ -209,8 +217,12 @@ fn add(
     cells: &Cells,
     rows: &[[Lane; 8]; FEATURES],
     count: usize,
+    following: &Cells,
 ) {
     for i in 0..count {
+        for c in 0..8 {
+            prefetch(grad, following, c, i);
+        }
         for c in 0..8 {
             let entry = cells.index[c][i] as usize;
             // SAFETY: `check_level` has proved that every index is an entry of this level, and
@@ -236,6 +248,16 @@ fn take(row: &[f32], start: usize, count: usize) -> Lane {
         out.copy_from_slice(&row[start..start + LANES]);
     } else {
         out[..count].copy_from_slice(&row[start..start + count]);
+    }
+    out
+}
+
+/// [`take`] from each of `rows`. An array's `map` is not inlined here, and so not vectorised.
+#[inline(always)]
+fn take_all<const N: usize>(rows: &[&[f32]; N], start: usize, count: usize) -> [Lane; N] {
+    let mut out = [[0.0; LANES]; N];
+    for k in 0..N {
+        out[k] = take(rows[k], start, count);
     }
     out
 }

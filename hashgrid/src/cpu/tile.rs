@@ -177,15 +177,15 @@ impl Level<'_> {
         let mut ring = [self.block, Cells::EMPTY];
         for b in 0..blocks {
             let following = &mut ring[(b + 1) & 1];
+            let mut ahead = table;
             if b + 1 < blocks {
                 *following = locate::<HASHED, SMOOTH>(level, &x[b + 1], &y[b + 1], &z[b + 1]);
-                prefetch(table, following);
             } else if let Some((next, table)) = self.next {
                 *following = first_block(next, SMOOTH, self.position);
-                prefetch(table, following);
+                ahead = table;
             }
-            let cells = &ring[b & 1];
-            let corners = gather(table, cells);
+            let (cells, following) = (&ring[b & 1], &ring[(b + 1) & 1]);
+            let corners = gather(table, cells, ahead, following);
             match &mut jacobian {
                 None => {
                     for f in 0..FEATURES {
@@ -209,12 +209,14 @@ impl Level<'_> {
     }
 }
 
-/// Both features of the eight corners of 16 cells: `[feature][corner][point]`.
+/// Both features of the eight corners of 16 cells: `[feature][corner][point]`; the lines of the
+/// `following` ones, of the table `ahead`, are asked for in between. All at once they would wait for
+/// one another.
 ///
 /// Each corner is one 8-byte load. On x86-64 they are paired by hand: left to itself the compiler
 /// emits gather instructions, which take longer here than the loads they stand for.
 #[inline(always)]
-fn gather(table: &[f32], cells: &Cells) -> [[Lane; 8]; FEATURES] {
+fn gather(table: &[f32], cells: &Cells, ahead: &[f32], following: &Cells) -> [[Lane; 8]; FEATURES] {
     let mut corners = [[[0.0; LANES]; 8]; FEATURES];
     let entry = |c: usize, i: usize| {
         table
@@ -223,6 +225,9 @@ fn gather(table: &[f32], cells: &Cells) -> [[Lane; 8]; FEATURES] {
     };
     #[cfg(target_arch = "x86_64")]
     for c in 0..8 {
+        for i in 0..LANES {
+            prefetch(ahead, following, c, i);
+        }
         for i in (0..LANES).step_by(4) {
             use std::arch::x86_64::{
                 _mm_castpd_ps as single, _mm_load_sd, _mm_loadh_pd, _mm_shuffle_ps, _mm_storeu_ps,
@@ -250,6 +255,7 @@ fn gather(table: &[f32], cells: &Cells) -> [[Lane; 8]; FEATURES] {
     #[cfg(not(target_arch = "x86_64"))]
     for c in 0..8 {
         for i in 0..LANES {
+            prefetch(ahead, following, c, i);
             // SAFETY: as above; the compiler merges the two loads.
             let pair = unsafe { *entry(c, i).cast::<[f32; 2]>() };
             corners[0][c][i] = pair[0];

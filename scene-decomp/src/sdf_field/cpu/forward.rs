@@ -97,8 +97,8 @@ pub(crate) fn forward(
                 .zip(out.par_chunks_mut(columns * POINTS))
                 .zip(tiles.par_chunks_mut(tile_len))
                 .for_each_init(
-                    || Working::new(&weights),
-                    |working, ((points, out), tile)| {
+                    || (Scratch::new(tile_len), Working::new(&weights)),
+                    |(tile, working), ((points, out), saved)| {
                         Arch::new().dispatch(ForwardTile {
                             points,
                             table,
@@ -109,6 +109,9 @@ pub(crate) fn forward(
                             working,
                             out,
                         });
+                        // Row by row in its place, it would fetch lines of cache only to overwrite
+                        // them, beside those that the encoding waits for.
+                        saved.copy_from_slice(tile);
                     },
                 );
             let saved = Saved {
