@@ -78,7 +78,7 @@ fn default() -> TrainConfig {
             distortion: 0.003,
             far: 0.005,
             hidden: 0.05,
-            points: 0.0,
+            points: 0.1,
             curvature: 0.0,
             background: 1.0,
             // As in Semantic-NeRF.
@@ -190,6 +190,7 @@ fn paper() -> TrainConfig {
             distortion: 0.0,
             far: 0.0,
             hidden: 0.0,
+            points: 0.0,
             mask_trusted: 0.0,
             mask_hold: 0.05,
             mask_end: 0.15,

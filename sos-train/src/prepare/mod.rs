@@ -44,7 +44,7 @@ pub struct Prepared {
     pub outlines: Vec<Outline>,
     /// How far each view's mask is believed.
     pub trust: ViewTrust,
-    /// Sparse points that the masks take for the object's, in the normalised frame.
+    /// Sparse points in the box, the object's and others, in the normalised frame.
     pub points: Vec<Vec3>,
     /// What a user should know about the choices made, a sentence each.
     pub notes: Vec<String>,
@@ -171,7 +171,7 @@ pub fn prepare_with(
     let points = points
         .iter()
         .map(|point| frame.normalised_from_world(point.position))
-        .filter(|point| map.at(*point) >= config.object_threshold)
+        .filter(|point: &Vec3| point.abs().max_element() <= 1.0)
         .collect();
     Ok(Prepared {
         points,

@@ -184,9 +184,7 @@ impl Trainer {
         if map.len() != resolution.pow(3) {
             return Err(misfit("probability map").into());
         }
-        self.map = ProbabilityMap::new(resolution, map);
-        let crop = self.config().prepare.crop_threshold;
-        self.grids.allow(&self.map, crop);
+        self.follow(ProbabilityMap::new(resolution, map));
         self.grids
             .restore(
                 &read_floats(&path(OCCUPANCY[0]))?,

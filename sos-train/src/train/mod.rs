@@ -22,6 +22,7 @@ pub mod visible;
 use std::sync::Arc;
 
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use glam::Vec3;
 use hashgrid::{LazyAdam, SparseGrad};
 use neus_render::march::{Grids, MarchConfig};
 use scene_decomp::probability::ProbabilityMap;
@@ -46,6 +47,9 @@ pub(crate) const BACKGROUND_STRIDE: u32 = 2;
 const VOTES_EVERY: u32 = 250;
 /// Share of a run after which occupied space changes slowly.
 const SETTLED: f32 = 0.5;
+/// m^P from which on a sparse point is taken to lie on the object: one that masks are not agreed on
+/// may be a neighbour's.
+const SURE: f32 = 0.85;
 /// What votes are worth after each update.
 const VOTES_KEPT: f32 = 0.7;
 /// Share of the run after the carving, or after the start, in which FoCoR finds its outline before
@@ -69,6 +73,8 @@ pub struct Trainer {
     device_name: String,
     /// m^P as it is now.
     map: ProbabilityMap,
+    /// Sparse points in the box, whatever they are of.
+    sparse_points: Vec<Vec3>,
     votes: SurfaceVotes,
     agreement: Agreement,
     /// By how many pixels each view's mask was moved outwards.
@@ -292,12 +298,20 @@ impl Trainer {
         let due = schedule::progress(config, self.step) >= config.schedule.votes_start;
         if due && self.step >= schedule::carve_step(config) && self.step.is_multiple_of(VOTES_EVERY)
         {
-            self.map = self.probability(data);
-            self.grids.allow(&self.map, config.prepare.crop_threshold);
+            self.follow(self.probability(data));
         }
         if self.step.is_multiple_of(VOTES_EVERY) {
             self.votes.fade(VOTES_KEPT);
         }
+    }
+
+    /// Makes `map` m^P: samples and sparse points are the object's where it says so.
+    fn follow(&mut self, map: ProbabilityMap) {
+        let crop = self.context.config.prepare.crop_threshold;
+        let points = self.sparse_points.iter().copied();
+        self.context.points = points.filter(|point| map.at(*point) >= SURE).collect();
+        self.grids.allow(&map, crop);
+        self.map = map;
     }
 
     /// Compares the batch's mattes with the masks, once there is an object to speak of.

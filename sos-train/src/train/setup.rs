@@ -140,7 +140,7 @@ impl Trainer {
         if config.model.foreground == Transparency::Density {
             grids = grids.with_object_density();
         }
-        Ok(Self {
+        let mut trainer = Self {
             object_adam: LazyAdam::new(&object_layout),
             background_adam: LazyAdam::new(&background_layout),
             context: StepContext {
@@ -150,7 +150,7 @@ impl Trainer {
                 object_gradient,
                 background_gradient,
                 device: device.clone(),
-                points: scene.points.clone(),
+                points: Vec::new(),
             },
             scene: model,
             sharpness: Sharpness::new(sizes.sharpness_start, &device),
@@ -160,6 +160,7 @@ impl Trainer {
             rays_per_task: rays_per_task(&chosen),
             device_name: chosen.name,
             map: scene.map.clone(),
+            sparse_points: scene.points.clone(),
             votes: SurfaceVotes::new(scene.map.resolution()),
             agreement: Agreement::new(scene.views.len()),
             mask_shifts: vec![0.0; scene.views.len()],
@@ -169,6 +170,8 @@ impl Trainer {
             rate_scale: 1.0,
             empty_batches: 0,
             clock: StepClock::new(),
-        })
+        };
+        trainer.follow(scene.map.clone());
+        Ok(trainer)
     }
 }

@@ -36,7 +36,7 @@ pub struct StepContext {
     pub background_gradient: SparseGrad,
     /// The autodiff device.
     pub device: Device,
-    /// Sparse points of the object, in the normalised frame.
+    /// Sparse points that m^P gives to the object, in the normalised frame.
     pub points: Vec<Vec3>,
 }
 

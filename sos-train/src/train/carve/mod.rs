@@ -31,7 +31,7 @@ impl Trainer {
     /// Ends BaCo's time alone: m^P from the votes, FoCoR's shape from BaCo's depths.
     pub(super) fn carve(&mut self, data: &Prepared) {
         let depths = depth::depth_pictures(&self.freeze_before(), data, RAYS);
-        self.map = self.probability(data);
+        self.follow(self.probability(data));
         let resolution = self.map.resolution();
         let crop = self.context.config.prepare.crop_threshold;
         let fused = fusion::fuse(data, &depths, &self.map, crop);
@@ -52,7 +52,6 @@ impl Trainer {
             near,
         };
         self.fit_object(data, &shape);
-        self.grids.allow(&self.map, crop);
     }
 
     /// Whether the next step begins with the carving.
