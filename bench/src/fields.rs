@@ -29,6 +29,8 @@ pub(crate) struct Cost {
     pub(crate) flops: f64,
     /// To and from memory.
     pub(crate) bytes: f64,
+    /// Those of them that are cache lines in no order.
+    pub(crate) scattered: f64,
 }
 
 /// One op in one direction.
@@ -44,7 +46,9 @@ pub(crate) struct OpFigures {
     pub(crate) arithmetic_ms: f64,
     /// The time of its traffic at full bandwidth.
     pub(crate) traffic_ms: f64,
-    /// The larger of the two over `ms`.
+    /// The same where cache lines in no order come as fast as this machine fetches such lines.
+    pub(crate) scattered_traffic_ms: f64,
+    /// The larger of arithmetic and traffic over `ms`.
     pub(crate) roofline_share: f64,
 }
 
@@ -119,6 +123,7 @@ impl OpSizes {
                 // J^T g.
                 + 6.0 * features,
             bytes: self.table_bytes() + VALUE * (3.0 + outputs + 3.0),
+            scattered: self.table_bytes(),
         }
     }
 
@@ -141,6 +146,7 @@ impl OpSizes {
                 + 10.0 * hidden,
             // Lines are read and written.
             bytes: 2.0 * self.table_bytes() + VALUE * (outputs + 3.0),
+            scattered: 2.0 * self.table_bytes(),
         }
     }
 
@@ -152,6 +158,7 @@ impl OpSizes {
         Cost {
             flops: 2.0 * self.colour_layers() + 2.0 * self.hidden + SIGMOID * self.colours,
             bytes: VALUE * (self.colour_inputs + self.colours),
+            scattered: 0.0,
         }
     }
 
@@ -160,6 +167,7 @@ impl OpSizes {
             // Gradients of the weights, and of the inputs.
             flops: 4.0 * self.colour_layers() + 2.0 * self.hidden + 3.0 * self.colours,
             bytes: VALUE * (self.colour_inputs + self.outputs + 3.0 + self.colours),
+            scattered: 0.0,
         }
     }
 }
@@ -224,11 +232,10 @@ fn ops(peaks: &Peaks, device: &Device, one_core: bool) -> Vec<OpFigures> {
             }
         }
     }
-    let (gflops, gbs) = peaks.of(one_core);
     cases
         .into_iter()
         .zip(times)
-        .map(|((name, _, cost), times)| figures(name, one_core, cost, times, gflops, gbs))
+        .map(|((name, _, cost), times)| figures(name, one_core, cost, times, peaks))
         .collect()
 }
 
@@ -237,13 +244,20 @@ fn figures(
     one_core: bool,
     cost: Cost,
     mut times: Vec<Duration>,
-    gflops: f64,
-    gbs: f64,
+    peaks: &Peaks,
 ) -> OpFigures {
+    let (gflops, gbs) = peaks.of(one_core);
+    let lines_gbs = if one_core {
+        peaks.lines_gbs_one_core
+    } else {
+        peaks.lines_gbs
+    };
     times.sort();
     let seconds = times[times.len() / 2].as_secs_f64();
     let (flops, bytes) = (cost.flops * POINTS as f64, cost.bytes * POINTS as f64);
+    let scattered = cost.scattered * POINTS as f64;
     let (arithmetic, traffic) = (flops / gflops * 1e-9, bytes / gbs * 1e-9);
+    let scattered_traffic = (scattered / lines_gbs + (bytes - scattered) / gbs) * 1e-9;
     OpFigures {
         name,
         one_core,
@@ -253,6 +267,7 @@ fn figures(
         gbs: bytes / seconds * 1e-9,
         arithmetic_ms: arithmetic * 1e3,
         traffic_ms: traffic * 1e3,
+        scattered_traffic_ms: scattered_traffic * 1e3,
         roofline_share: arithmetic.max(traffic) / seconds,
     }
 }

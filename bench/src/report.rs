@@ -59,7 +59,7 @@ impl Report {
             phase_ms: best.phase_ms,
             phase_share: best.phase_share,
             overhead_share: best.overhead_share,
-            roofline_share: sdf_share(&ops, false),
+            roofline_share: sdf_share(&ops, false, |op| op.traffic_ms),
             peak_gflops,
             peak_gbs,
             peaks,
@@ -70,12 +70,13 @@ impl Report {
     }
 }
 
-/// The sdf field forward and backward: their rooflines' time over their own.
-fn sdf_share(ops: &[OpFigures], one_core: bool) -> f64 {
+/// The sdf field forward and backward: their rooflines' time over their own, with `traffic` taking so
+/// many milliseconds.
+fn sdf_share(ops: &[OpFigures], one_core: bool, traffic: impl Fn(&OpFigures) -> f64) -> f64 {
     let of_sdf = |op: &&OpFigures| op.name.starts_with("sdf") && op.one_core == one_core;
     let (mut least, mut taken) = (0.0, 0.0);
     for op in ops.iter().filter(of_sdf) {
-        least += op.arithmetic_ms.max(op.traffic_ms);
+        least += op.arithmetic_ms.max(traffic(op));
         taken += op.ms;
     }
     if taken > 0.0 { least / taken } else { 0.0 }
@@ -142,10 +143,11 @@ impl fmt::Display for Report {
                     100.0 * op.roofline_share
                 )?;
             }
-            let share = 100.0 * sdf_share(&self.ops, one_core);
+            let share = 100.0 * sdf_share(&self.ops, one_core, |op| op.traffic_ms);
+            let scattered = 100.0 * sdf_share(&self.ops, one_core, |op| op.scattered_traffic_ms);
             writeln!(
                 f,
-                "    {:<24} {share:.1} % of its roofline",
+                "    {:<24} {share:.1} % of its roofline; {scattered:.1} % of it with lines at random",
                 "sdf field, both"
             )?;
         }
