@@ -30,10 +30,17 @@ impl ExamView<'_> {
         self.camera_from_world.centre()
     }
 
-    /// The mask as a picture; `None` without one, or one that is not of the camera's size.
+    /// The mask as a picture; `None` without one.
+    ///
+    /// # Panics
+    /// When it is not of the camera's size.
     #[must_use]
     pub fn mask_picture(&self) -> Option<ImageBuffer<Luma<u8>, &[u8]>> {
-        ImageBuffer::from_raw(self.camera.width, self.camera.height, self.mask?)
+        let (width, height) = (self.camera.width, self.camera.height);
+        let mask = self.mask?;
+        let pixels = width as usize * height as usize;
+        assert_eq!(mask.len(), pixels, "{}: bytes of the mask", self.name);
+        ImageBuffer::from_raw(width, height, mask)
     }
 
     /// Where a point of the scene is in the photo, in pixels; `None` outside it.

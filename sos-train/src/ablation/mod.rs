@@ -20,7 +20,7 @@
 //!
 //! Rivals have the same grids, budget, rays and masks: `hull`, the masks' soft visual hull; `density`, the
 //! method with a radiance field for FoCoR (nothing that speaks of a distance applies: Eikonal and
-//! sparsity losses); `semantic`, one radiance field that learns a share of the object
+//! sparsity losses, sparse points); `semantic`, one radiance field that learns a share of the object
 //! ([`train::semantic`](crate::train::semantic)).
 //!
 //! [`DECISIONS`] change one setting of the default preset each, to what the paper or others choose.
@@ -202,6 +202,9 @@ impl Row {
     }
 }
 
+/// In a folder's name, between the row and a seed of its own.
+const BEFORE_SEED: &str = "-seed";
+
 /// A row with a seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Trial {
@@ -223,10 +226,24 @@ impl Trial {
         all.map(move |seed| Self { row, seed })
     }
 
+    /// The trial whose folder is called so.
+    #[must_use]
+    pub fn of_folder(name: &str) -> Option<Self> {
+        if let Some(row) = Row::named(name) {
+            return Some(Self { row, seed: None });
+        }
+        let (row, seed) = name.rsplit_once(BEFORE_SEED)?;
+        let trial = Self {
+            row: Row::named(row)?,
+            seed: Some(seed.parse().ok()?),
+        };
+        (trial.folder() == name).then_some(trial)
+    }
+
     /// Its folder.
     #[must_use]
     pub fn folder(&self) -> String {
-        self.named(self.row.name, "-seed")
+        self.named(self.row.name, BEFORE_SEED)
     }
 
     /// What it is called in the table.
@@ -245,7 +262,7 @@ impl Trial {
     /// What it is, in the words of the command line.
     #[must_use]
     pub fn definition(&self) -> String {
-        self.named(&self.row.definition(), " --seed ")
+        self.named(&self.row.definition(), " --set seed=")
     }
 }
 

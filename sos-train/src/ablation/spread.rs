@@ -30,7 +30,7 @@ impl Spread {
 /// A row over all of its seeds.
 #[derive(Debug, Clone, Serialize)]
 pub struct OverSeeds {
-    /// The row's folder, that of its first seed.
+    /// The row's name, which is its first seed's folder.
     pub row: &'static str,
     /// Its title.
     pub name: &'static str,

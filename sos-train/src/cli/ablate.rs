@@ -164,6 +164,24 @@ impl Place {
             .collect())
     }
 
+    /// All trials that have a folder, in the table's order.
+    fn found(&self) -> Result<Vec<Trial>, RunError> {
+        let failed = |source| RunError::Io {
+            action: "read",
+            path: self.out.clone(),
+            source,
+        };
+        let mut found = Vec::new();
+        for entry in fs::read_dir(&self.out).map_err(failed)? {
+            let name = entry.map_err(failed)?.file_name();
+            found.extend(name.to_str().and_then(Trial::of_folder));
+        }
+        let names = Row::names();
+        let place = |trial: &Trial| names.iter().position(|name| *name == trial.row.name);
+        found.sort_by_key(|trial| (place(trial), trial.seed));
+        Ok(found)
+    }
+
     fn state(&self, trial: &Trial) -> State {
         let dir = self.out.join(trial.folder());
         match trial.row.kind {
@@ -309,11 +327,10 @@ impl Place {
 
     /// Scores all rows that are there, prints the table and writes it.
     fn summarise(&self, args: &AblateArgs) -> anyhow::Result<()> {
-        let finished = |trial: &Trial| self.state(trial) == State::Finished;
-        let trials = self.trials(args, Row::every())?.into_iter();
         // Those that were not asked for belong to the table only if they have its settings.
-        let trials: Vec<Trial> = trials
-            .filter(finished)
+        let there = self.found()?.into_iter();
+        let trials: Vec<Trial> = there
+            .filter(|trial| self.state(trial) == State::Finished)
             .filter(|trial| self.check(args, trial).is_ok())
             .collect();
         let contender = |trial: &Trial| Contender {

@@ -249,7 +249,7 @@ pub struct PrepareConfig {
     pub downscale: u32,
     /// Share of the views seeing a point whose masks must agree for it to lie in the hull.
     pub hull_threshold: f32,
-    /// The same for a sparse point to count as the object's.
+    /// The same for it to be the object's rather than the background's.
     pub object_threshold: f32,
     /// Probability above which the background field is cut open.
     pub crop_threshold: f32,

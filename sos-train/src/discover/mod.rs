@@ -165,6 +165,7 @@ fn search_scene(
         .collect::<Result<_, _>>()?;
     let trust = ViewTrust(vec![0.0; views.len()]);
     Ok(Prepared {
+        given_masks: vec![None; views.len()],
         views,
         trust,
         frame,

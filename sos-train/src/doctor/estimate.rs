@@ -110,6 +110,7 @@ fn memory_left() -> Option<u64> {
         let line = text.lines().find(|line| line.starts_with(key))?;
         line.split_whitespace().nth(1)?.parse().ok()
     };
-    let own = kilobytes("/proc/self/status", "VmRSS:").unwrap_or(0);
+    // Without files that are mapped: what of them is in memory can be given back.
+    let own = kilobytes("/proc/self/status", "RssAnon:").unwrap_or(0);
     Some(1024 * (kilobytes("/proc/meminfo", "MemAvailable:")? + own))
 }

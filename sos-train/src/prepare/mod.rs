@@ -24,6 +24,7 @@ pub use view::TrainView;
 
 use crate::config::PrepareConfig;
 use error::PrepareError;
+use pixels::Mask;
 use votes::{ViewTrust, vote_grid};
 
 /// Voxels per axis of m^P.
@@ -34,8 +35,10 @@ const DEFAULT_BALL: f32 = 0.7;
 /// A scene, ready to train on.
 #[derive(Debug)]
 pub struct Prepared {
-    /// The photos.
+    /// The photos, with masks as they are now.
     pub views: Vec<TrainView>,
+    /// The masks as they were given.
+    pub given_masks: Vec<Option<Mask>>,
     /// Between the scene's frame and the normalised one.
     pub frame: Frame,
     /// m^P over the box.
@@ -175,6 +178,7 @@ pub fn prepare_with(
         .collect();
     Ok(Prepared {
         points,
+        given_masks: views.iter().map(|view| view.mask.clone()).collect(),
         views,
         frame,
         map,
@@ -185,40 +189,46 @@ pub fn prepare_with(
 }
 
 impl Prepared {
-    /// Moves the outline of each view's mask by as many pixels, outwards where positive, and has the
-    /// masks vote on space and label the pixels anew. The box stays.
+    /// Moves the outline of each view's mask to as many pixels from where it was given, outwards where
+    /// positive, and has the masks vote on space and label the pixels anew. The box stays.
     ///
     /// # Errors
-    /// [`PrepareError::Store`] when there is no room for masks and labels.
+    /// [`PrepareError::Store`] when there is no room for masks and labels; all stays as it was.
     pub fn shift_masks(
         &mut self,
         shifts: &[f32],
         config: &PrepareConfig,
         ignore_band: f32,
     ) -> Result<(), PrepareError> {
-        if shifts.iter().all(|shift| *shift == 0.0) {
+        if shifts.iter().all(|shift| *shift == 0.0) && self.masks_are_given() {
             return Ok(());
         }
-        let views = self.views.par_iter_mut().zip(shifts);
-        views
-            .filter(|(_, shift)| **shift != 0.0)
-            .try_for_each(|(view, shift)| {
-                if let Some(mask) = &view.mask {
-                    view.mask = Some(view.store.keep_mask(mask_shift::shifted(mask, *shift))?);
+        let given = self.views.par_iter().zip(&self.given_masks).zip(shifts);
+        let views = given
+            .map(|((view, given), shift)| {
+                let view = TrainView {
+                    mask: given.clone(),
+                    ..view.clone()
+                };
+                match given {
+                    Some(given) if *shift != 0.0 => {
+                        view.with_mask(mask_shift::shifted(given, *shift))
+                    }
+                    _ => Ok(view),
                 }
-                Ok::<(), PrepareError>(())
-            })?;
-        let votes = vote_grid(&self.views, &self.frame, MAP_RESOLUTION, &self.trust);
-        self.map = ProbabilityMap::new(MAP_RESOLUTION, votes);
-        self.outlines = outlines(
-            &self.views,
-            &self.frame,
-            &self.map,
-            &self.trust,
-            config,
-            ignore_band,
-        )?;
+            })
+            .collect::<Result<Vec<TrainView>, PrepareError>>()?;
+        let (frame, trust) = (&self.frame, &self.trust);
+        let votes = vote_grid(&views, frame, MAP_RESOLUTION, trust);
+        let map = ProbabilityMap::new(MAP_RESOLUTION, votes);
+        self.outlines = outlines(&views, frame, &map, trust, config, ignore_band)?;
+        (self.views, self.map) = (views, map);
         Ok(())
+    }
+
+    fn masks_are_given(&self) -> bool {
+        let mut both = self.views.iter().zip(&self.given_masks);
+        both.all(|(view, given)| view.mask == *given)
     }
 }
 

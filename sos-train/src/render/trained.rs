@@ -49,6 +49,7 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     if let Some(photos) = photos {
         // Labels are of the size that was trained on, and no longer asked for.
         data.views = photos;
+        data.given_masks.clear();
         data.outlines.clear();
     }
     Ok((trainer.freeze(), data))

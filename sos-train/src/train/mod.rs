@@ -47,9 +47,6 @@ pub(crate) const BACKGROUND_STRIDE: u32 = 2;
 const VOTES_EVERY: u32 = 250;
 /// Share of a run after which occupied space changes slowly.
 const SETTLED: f32 = 0.5;
-/// m^P from which on a sparse point is taken to lie on the object: one that masks are not agreed on
-/// may be a neighbour's.
-const SURE: f32 = 0.85;
 /// What votes are worth after each update.
 const VOTES_KEPT: f32 = 0.7;
 /// Share of the run after the carving, or after the start, in which FoCoR finds its outline before
@@ -308,8 +305,7 @@ impl Trainer {
     /// Makes `map` m^P: samples and sparse points are the object's where it says so.
     fn follow(&mut self, map: ProbabilityMap) {
         let crop = self.context.config.prepare.crop_threshold;
-        let points = self.sparse_points.iter().copied();
-        self.context.points = points.filter(|point| map.at(*point) >= SURE).collect();
+        self.context.points = shape_losses::surely_of_object(&self.sparse_points, &map);
         self.grids.allow(&map, crop);
         self.map = map;
     }

@@ -264,15 +264,15 @@ fn downscaled(views: Vec<TrainView>, job: &TrainJob) -> Result<Vec<TrainView>, P
 
 /// The scene with its photos as they are, which the pictures are drawn from. Labels are of the size
 /// that was trained on, and no longer asked for.
-fn at_full_size(data: Prepared, job: &TrainJob) -> Result<Prepared, PrepareError> {
-    if job.config.prepare.downscale <= 1 {
-        return Ok(data);
+fn at_full_size(mut data: Prepared, job: &TrainJob) -> Result<Prepared, PrepareError> {
+    if job.config.prepare.downscale > 1 {
+        // Given back first: both together might be too much for the memory.
+        data.views.clear();
+        data.given_masks.clear();
+        data.outlines.clear();
+        data.views = photos(job, None)?;
     }
-    Ok(Prepared {
-        views: photos(job, None)?,
-        outlines: Vec::new(),
-        ..data
-    })
+    Ok(data)
 }
 
 fn train(
@@ -291,7 +291,14 @@ fn train(
     // Time in which the run was paused.
     let mut paused = Duration::ZERO;
     while trainer.step_number() < config.steps {
-        let fitted = trainer.fit_masks(data)?;
+        let fitted = match trainer.fit_masks(data) {
+            Ok(fitted) => fitted,
+            Err(error) => {
+                // A run goes on from here once there is room again.
+                trainer.save(&job.run, earlier_seconds + started.elapsed().as_secs_f64())?;
+                return Err(error.into());
+            }
+        };
         for note in fitted.into_iter().chain(trainer.majority_note()) {
             progress.note(&note);
             log.note(trainer.step_number(), &note)?;

@@ -140,7 +140,7 @@ impl Sampler {
 /// The candidates' bounding rectangle, grown by half its size on every side.
 fn surroundings(scene: &Prepared, view: usize) -> [u32; 4] {
     let (width, height) = (scene.views[view].width(), scene.views[view].height());
-    // Each row of a run that goes on beyond its row is a whole one.
+    // A run that goes on into the next row holds its row's last column and the next one's first.
     let rectangle = scene.outlines[view].candidates.runs().map(|(a, b)| {
         let whole = a / width != b / width;
         let (left, right) = if whole {

@@ -5,6 +5,7 @@ use glam::Vec3;
 use losses::{PointPenalty, SparsityForm, curvature_loss, point_loss, sparsity_loss};
 use rand::{Rng, RngExt};
 use scene_decomp::Scene;
+use scene_decomp::probability::ProbabilityMap;
 
 use super::sampler::step_random;
 use super::step::{StepContext, StepSchedule, constant};
@@ -15,6 +16,16 @@ const SPARSITY_POINTS: usize = 512;
 const SURFACE_POINTS: usize = 256;
 /// Samples whose normals are compared with a neighbour's in each step.
 const CURVATURE_POINTS: usize = 512;
+
+/// m^P from which on a sparse point is taken to lie on the object: one that masks are not agreed on
+/// may be a neighbour's.
+const SURE: f32 = 0.85;
+
+/// Those of `points` that `map` certainly gives to the object.
+pub(super) fn surely_of_object(points: &[Vec3], map: &ProbabilityMap) -> Vec<Vec3> {
+    let points = points.iter().copied();
+    points.filter(|point| map.at(*point) >= SURE).collect()
+}
 
 /// FoCoR at one step.
 #[derive(Clone, Copy)]
@@ -107,5 +118,21 @@ fn any_direction(random: &mut impl Rng) -> Vec3 {
         if (1e-6..1.0).contains(&squared) {
             return v / squared.sqrt();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_points_that_are_surely_the_objects_are_held_to() {
+        // Of no doubt where z is negative, of some where it is not.
+        let n = 8;
+        let values = (0..n * n * n).map(|cell| if cell / (n * n) < n / 2 { 1.0 } else { 0.7 });
+        let map = ProbabilityMap::new(n, values.collect());
+        let (sure, doubtful) = (Vec3::new(0.1, 0.2, -0.6), Vec3::new(0.1, 0.2, 0.6));
+        let outside = Vec3::new(0.0, 0.0, -1.5);
+        assert_eq!(surely_of_object(&[doubtful, sure, outside], &map), [sure]);
     }
 }

@@ -170,6 +170,16 @@ fn seeds_are_runs_of_their_own_with_a_spread() {
             "{text}"
         );
     }
+    assert!(markdown.contains("sos train --set seed=8"), "{markdown}");
+
+    // A later table has them still.
+    let hull = ["--steps", "3", "--set", "seed=7", "--only", "hull"];
+    let (code, printed, said) = ablate(dir.path(), &hull);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(
+        printed.contains("all, seed 8") && printed.contains(" ± "),
+        "{printed}"
+    );
 }
 
 #[test]

@@ -85,12 +85,8 @@ pub(crate) fn forward(
             (out, None)
         }
         Keep::ForBackward => {
+            // Lanes past the last point enter sums with a zero weight and must be finite: they repeat it.
             let mut tiles = Scratch::new(n.div_ceil(POINTS) * tile_len);
-            if !n.is_multiple_of(POINTS) {
-                // The lanes past the last point enter sums with a zero weight, and must be finite.
-                let last = tiles.len() - tile_len;
-                tiles[last..].fill(0.0);
-            }
             let columns = weights.columns();
             points
                 .par_chunks(3 * POINTS)

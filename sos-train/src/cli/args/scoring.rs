@@ -117,7 +117,7 @@ pub struct AblateArgs {
     #[arg(long)]
     pub decisions: bool,
     /// Runs of each row, with seeds one after another; the table has their mean and spread [default: 1].
-    #[arg(long, value_name = "N", default_value_t = 1, hide_default_value = true, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 1, hide_default_value = true, value_parser = clap::value_parser!(u32).range(1..=100))]
     pub seeds: u32,
     /// Only this row, as its folder is called; may be repeated [default: all of the table].
     #[arg(long, value_name = "ROW", conflicts_with_all = ["rivals", "decisions"], value_parser = row)]

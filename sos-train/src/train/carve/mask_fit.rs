@@ -47,31 +47,30 @@ impl Trainer {
             return Ok(None);
         }
         let scene = self.freeze_before();
-        let mut total = vec![0.0; data.views.len()];
+        let before = self.mask_shifts.clone();
         let mut map = self.probability(data);
         for _ in 0..ROUNDS {
             let Some(shifts) = errors(&scene, data, &map, config.prepare.crop_threshold) else {
                 break;
             };
-            data.shift_masks(&shifts, &config.prepare, config.loss.ignore_band)?;
+            for (total, shift) in self.mask_shifts.iter_mut().zip(shifts) {
+                *total += shift;
+            }
+            data.shift_masks(&self.mask_shifts, &config.prepare, config.loss.ignore_band)?;
             self.votes = cast(
                 data,
                 &depth_pictures(&scene, data, super::RAYS),
                 map.resolution(),
             );
             map = self.probability(data);
-            for (total, shift) in total.iter_mut().zip(shifts) {
-                *total += shift;
-            }
         }
-        let mut sizes: Vec<f32> = total.iter().copied().filter(|t| *t != 0.0).collect();
+        let moved = self.mask_shifts.iter().zip(before);
+        let moved = moved.map(|(now, before)| now - before);
+        let mut sizes: Vec<f32> = moved.filter(|by| *by != 0.0).collect();
         sizes.sort_by(f32::total_cmp);
         let Some(&median) = sizes.get(sizes.len() / 2) else {
             return Ok(None);
         };
-        for (sum, shift) in self.mask_shifts.iter_mut().zip(total) {
-            *sum += shift;
-        }
         Ok(Some(format!(
             "masks are too {} all around, by {:.1} pixels in the middle view, and are moved {}",
             if median > 0.0 { "small" } else { "large" },
