@@ -9,7 +9,7 @@
 //! many (`cargo bench -p hashgrid --bench encode -- one_core` measures the same): 2.9 ms for values
 //! and 3.0 ms with the Jacobian; 3.3 and 3.8 ms back. What made the difference, in this order:
 //! a table of 48 MiB does not fit the caches, so the next 16 points' cache lines are prefetched
-//! while 16 are blended (20 to 6 ms forward, 8 to 4 ms back), and corners are loaded by pairs of
+//! between the loads of 16 (20 to 6 ms forward, 8 to 4 ms back, with all of them at once), and corners are loaded by pairs of
 //! plain 8-byte loads instead of the gather instructions that the compiler would choose (6 to
 //! 3 ms). Prefetching only one of two neighbours along x was worse by half; tiles of 1024 points
 //! were no better than those of 256.
