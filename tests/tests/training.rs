@@ -315,6 +315,31 @@ fn the_object_is_found_without_masks() {
         found.notes
     );
 
+    // One click in the middle of what it shows, which is its front: the whole of it is found.
+    let alpha = &truth.views[0].alpha;
+    let inside = alpha.enumerate_pixels().filter(|(_, _, p)| p.0[0] >= 128);
+    let inside: Vec<Vec2> = inside
+        .map(|(x, y, _)| Vec2::new(x as f32, y as f32))
+        .collect();
+    let middle = inside.iter().sum::<Vec2>() / inside.len() as f32;
+    let off = |at: &&Vec2| at.distance(middle);
+    let at = inside
+        .iter()
+        .min_by(|a, b| off(a).total_cmp(&off(b)))
+        .unwrap();
+    let click = Click {
+        view: scene.model.views[0].name.clone(),
+        x: f64::from(at.x) + 0.5,
+        y: f64::from(at.y) + 0.5,
+    };
+    let found = find(&Hint::Click(click)).unwrap().unwrap();
+    let score = overlap(&found, &truth);
+    assert!(
+        score > 0.6,
+        "a click found it with an IoU of {score}: {:?}",
+        found.notes
+    );
+
     // A click outside the pictures, and on a photo that is not there.
     for (view, x) in [(scene.model.views[0].name.as_str(), 1e4), ("none.jpg", 1.0)] {
         let click = Click {

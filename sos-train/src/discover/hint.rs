@@ -167,7 +167,7 @@ impl Hint {
             }
             Self::Click(click) => {
                 let view = click.find(views)?;
-                region::at_pixel(views, points, view, DVec2::new(click.x, click.y), None)
+                region::around_click(views, points, view, DVec2::new(click.x, click.y))
             }
             Self::Mask { view, mask } => {
                 let (centre, radius) = centroid(mask).ok_or_else(|| {

@@ -12,8 +12,12 @@ use crate::prepare::{Frame, TrainView};
 const SURROUNDINGS: f64 = 1.7;
 /// Half the region's side over the radius of what one mask shows.
 const MASK_RADII: f64 = 2.5;
-/// Half the region's side around a click, over the distance times half the picture's angle.
-const CLICK_SHARE: f64 = 0.5;
+/// Half the region's side around a click, over the distance times half the picture's angle: what is
+/// clicked on may fill the picture, and lies behind what the pixel shows.
+const CLICK_SHARE: f64 = 1.0;
+/// The region that cameras look at anyway, beyond so many times that around a click, is too coarse for
+/// what was clicked on.
+const COARSE: f64 = 2.5;
 /// Sparse points this near a pixel, as a share of the picture's smaller side, tell its distance.
 const NEAR_PIXEL: f64 = 0.04;
 
@@ -61,6 +65,26 @@ fn central_points(views: &[TrainView], points: &[SparsePoint]) -> Option<Frame> 
     Some(Frame {
         centre,
         half_side: 0.5 * middle * angle(&views[0]),
+    })
+}
+
+/// What the cameras look at anyway, where that holds what the pixel shows: the object is whole in it. Else
+/// around what the pixel shows.
+pub(super) fn around_click(
+    views: &[TrainView],
+    points: &[SparsePoint],
+    view: usize,
+    pixel: DVec2,
+) -> Result<Frame, PrepareError> {
+    let near = at_pixel(views, points, view, pixel, None)?;
+    Ok(match of_cameras(views, points) {
+        Ok(whole)
+            if whole.half_side <= COARSE * near.half_side
+                && whole.normalised_from_world(near.centre).abs().max_element() < 1.0 =>
+        {
+            whole
+        }
+        _ => near,
     })
 }
 
