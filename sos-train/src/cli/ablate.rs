@@ -172,6 +172,10 @@ impl Place {
             source,
         };
         let mut found = Vec::new();
+        // No row came as far as to make it.
+        if !self.out.is_dir() {
+            return Ok(found);
+        }
         for entry in fs::read_dir(&self.out).map_err(failed)? {
             let name = entry.map_err(failed)?.file_name();
             found.extend(name.to_str().and_then(Trial::of_folder));
