@@ -147,7 +147,7 @@ impl fmt::Display for Report {
             let scattered = 100.0 * sdf_share(&self.ops, one_core, |op| op.scattered_traffic_ms);
             writeln!(
                 f,
-                "    {:<24} {share:.1} % of its roofline; {scattered:.1} % of it with lines at random",
+                "    {:<24} {share:.1} % of its roofline; {scattered:.1} % of one with lines at random",
                 "sdf field, both"
             )?;
         }
