@@ -6,6 +6,7 @@
 //! - `equal.rs`: a step at the paper's sizes, sample for sample that of PyTorch;
 //! - `steps.rs`: steps of the default preset as a run does them, on the demo scene;
 //! - `phases.rs`: where a step's time goes;
+//! - `pictures.rs`: a finished run's mattes and plates;
 //! - `predict.rs`: the least time of that step on a device that is not at hand;
 //! - `torch.rs`, `torch_step.py`: the same step in PyTorch;
 //! - `report.rs`: all of it as a table or as JSON.
@@ -14,17 +15,20 @@ mod equal;
 mod fields;
 mod peaks;
 mod phases;
+mod pictures;
 mod predict;
 mod report;
 mod scene;
 mod steps;
 mod torch;
 
+use std::fmt::Display;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
+use serde::Serialize;
 use sos_train::device::choose;
 
 use equal::Sizes;
@@ -60,6 +64,9 @@ struct Options {
     /// Measure nothing: say what a device of these rates could reach at best, as in 67000,4800.
     #[arg(long, value_name = "GFLOPS,GBS")]
     predict: Option<Rates>,
+    /// Measure only this: how long the pictures of a finished run take.
+    #[arg(long, value_name = "RUN", conflicts_with = "predict")]
+    pictures: Option<PathBuf>,
 }
 
 /// Rays of a step at the paper's sizes, and samples on each.
@@ -81,13 +88,10 @@ fn main() -> ExitCode {
 
 fn run(options: &Options) -> Result<()> {
     if let Some(rates) = options.predict {
-        let prediction = Prediction::new(rates, RAYS * SAMPLES);
-        if options.json {
-            println!("{}", serde_json::to_string(&prediction)?);
-        } else {
-            println!("{prediction}");
-        }
-        return Ok(());
+        return answer(options, &Prediction::new(rates, RAYS * SAMPLES));
+    }
+    if let Some(folder) = &options.pictures {
+        return answer(options, &pictures::measure(folder)?);
     }
     let threads = rayon::current_num_threads();
     let device = choose(&options.device)?.device;
@@ -135,10 +139,15 @@ fn run(options: &Options) -> Result<()> {
         None
     };
     let report = Report::new(threads, peaks, ops, ours, comparisons, default_preset);
+    answer(options, &report)
+}
+
+/// Prints figures as was asked.
+fn answer(options: &Options, figures: &(impl Serialize + Display)) -> Result<()> {
     if options.json {
-        println!("{}", serde_json::to_string(&report)?);
+        println!("{}", serde_json::to_string(figures)?);
     } else {
-        println!("{report}");
+        println!("{figures}");
     }
     Ok(())
 }

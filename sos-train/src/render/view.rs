@@ -18,6 +18,30 @@ const PLATE_REACH: i32 = 3;
 /// In the list of pixels' rays, a pixel without one.
 const NO_RAY: u32 = u32::MAX;
 
+/// The matte of view `index`, edges supersampled: `width * height` values in 0..1, rows from the top.
+#[must_use]
+pub fn render_matte(scene: &FrozenScene, data: &Prepared, index: usize) -> Vec<f32> {
+    let view = &data.views[index];
+    let (width, height) = (view.width(), view.height());
+    let world_from_camera = view.world_from_camera(&data.frame);
+    let ray_at = |pixel: Vec2| view.ray(&world_from_camera, pixel);
+    // Only where the object can be: elsewhere its matte is zero.
+    let candidates = outline::candidates(view, &data.frame, &scene.map, &scene.config.prepare);
+    let (mut at, mut rays) = (Vec::new(), Vec::new());
+    for i in candidates.iter() {
+        if let Some(ray) = ray_at(centre(i, width)) {
+            at.push(i);
+            rays.push(ray);
+        }
+    }
+    let mut alpha = vec![0.0f32; (width * height) as usize];
+    for (&i, matte) in at.iter().zip(scene.mattes(&rays)) {
+        alpha[i as usize] = matte;
+    }
+    supersample(scene, &ray_at, &at, width, height, &mut alpha);
+    alpha
+}
+
 /// Renders view `index`.
 #[must_use]
 pub fn render_view(
@@ -30,23 +54,7 @@ pub fn render_view(
     let (width, height) = (view.width(), view.height());
     let pixels = (width * height) as usize;
     let world_from_camera = view.world_from_camera(&data.frame);
-    let ray_at = |pixel: Vec2| view.ray(&world_from_camera, pixel);
-    let centre = |i: u32| Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
-
-    // Only where the object can be: elsewhere its matte is zero and the plate is the photo.
-    let candidates = outline::candidates(view, &data.frame, &scene.map, &scene.config.prepare);
-    let (mut at, mut rays) = (Vec::new(), Vec::new());
-    for i in candidates.iter() {
-        if let Some(ray) = ray_at(centre(i)) {
-            at.push(i);
-            rays.push(ray);
-        }
-    }
-    let mut alpha = vec![0.0f32; pixels];
-    for (&i, matte) in at.iter().zip(scene.mattes(&rays)) {
-        alpha[i as usize] = matte;
-    }
-    supersample(scene, &ray_at, &at, width, height, &mut alpha);
+    let alpha = render_matte(scene, data, index);
 
     // Colours only where something of the object is, and close by for the plate's seam; and where
     // plates do without what the photo shows.
@@ -56,7 +64,7 @@ pub fn render_view(
         .collect();
     let (mut hits, mut rays) = (vec![NO_RAY; pixels], Vec::new());
     for &i in &grown(&visible, width, height, PLATE_REACH) {
-        if let Some(ray) = ray_at(centre(i)) {
+        if let Some(ray) = view.ray(&world_from_camera, centre(i, width)) {
             hits[i as usize] = rays.len() as u32;
             rays.push(ray);
         }
@@ -105,6 +113,11 @@ pub fn render_view(
         }
     }
     out
+}
+
+/// The middle of pixel number `i`.
+fn centre(i: u32, width: u32) -> Vec2 {
+    Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5)
 }
 
 fn photo_colour(raw: &[u8], i: usize) -> Vec3 {
