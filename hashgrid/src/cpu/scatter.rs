@@ -219,18 +219,26 @@ fn add(
     count: usize,
     following: &Cells,
 ) {
+    // Both features of an entry next to each other, as the table has them: one load, one addition.
+    let mut pairs = [[[0.0; FEATURES]; LANES]; 8];
+    for c in 0..8 {
+        for i in 0..LANES {
+            pairs[c][i] = [rows[0][c][i], rows[1][c][i]];
+        }
+    }
     for i in 0..count {
         for c in 0..8 {
             prefetch(grad, following, c, i);
         }
         for c in 0..8 {
             let entry = cells.index[c][i] as usize;
+            let [first, second] = pairs[c][i];
             // SAFETY: `check_level` has proved that every index is an entry of this level, and
             // an entry is two values.
             unsafe {
-                let at = grad.as_mut_ptr().add(FEATURES * entry);
-                *at += rows[0][c][i];
-                *at.add(1) += rows[1][c][i];
+                let at = grad.as_mut_ptr().add(FEATURES * entry).cast::<[f32; 2]>();
+                let [a, b] = *at;
+                *at = [a + first, b + second];
             }
             if let Some(touched) = &mut touched {
                 // SAFETY: there is one flag for each block of the level's entries.
