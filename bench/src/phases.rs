@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+use hashgrid::step_clock::{SCATTER, UPDATE};
 use neus_render::composite;
 use scene_decomp::{colour_field, sdf_field};
 use sos_train::train::Trainer;
@@ -20,6 +21,10 @@ const OPS: [(&str, &[&Stopwatch]); 5] = [
     ("compositing", &[&composite::FORWARD, &composite::BACKWARD]),
 ];
 
+/// The phase to which the scatter belongs, and the one in whose time it happens: gradients of tables wait
+/// for the optimiser, which adds them up level by level.
+pub(crate) const SCATTER_OF: &str = "sdf field backward";
+
 /// Phases that are not the method's arithmetic: optimisers and bookkeeping.
 pub(crate) const OVERHEAD: [&str; 4] = [
     "votes",
@@ -28,10 +33,27 @@ pub(crate) const OVERHEAD: [&str; 4] = [
     "table optimiser",
 ];
 
+/// The clocks of optimisers' steps at some time.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ScatterMark([Duration; 2]);
+
+impl ScatterMark {
+    pub(crate) fn now() -> Self {
+        Self([SCATTER.total(), UPDATE.total()])
+    }
+
+    /// Between 0 and 1: of all threads' time in steps since.
+    pub(crate) fn share(self) -> f64 {
+        let [scatter, update] = [SCATTER.total() - self.0[0], UPDATE.total() - self.0[1]];
+        scatter.as_secs_f64() / (scatter + update).as_secs_f64().max(f64::MIN_POSITIVE)
+    }
+}
+
 /// The clocks' state when a measurement began, and the steps since.
 pub(crate) struct Marks {
     clock: StepClock,
     ops: [Duration; OPS.len()],
+    scatter: ScatterMark,
     begun: Instant,
     last: Instant,
     steps: Vec<Duration>,
@@ -44,6 +66,7 @@ impl Marks {
         Self {
             clock: trainer.clock().clone(),
             ops: ops(),
+            scatter: ScatterMark::now(),
             begun: now,
             last: now,
             steps: Vec::new(),
@@ -90,6 +113,11 @@ impl Marks {
             if time > Duration::ZERO {
                 phase_ms.insert(name.to_owned(), ms(time));
             }
+        }
+        if let Some(tables) = phase_ms.get("table optimiser").copied() {
+            let scatter = tables * self.scatter.share();
+            phase_ms.insert("table optimiser".to_owned(), tables - scatter);
+            *phase_ms.entry(SCATTER_OF.to_owned()).or_default() += scatter;
         }
         phase_ms.insert(
             "outside the step".to_owned(),

@@ -13,7 +13,7 @@
 //!   where its entries lie.
 //! - [`cpu`] has the kernels over slices, for ops that fuse the encoding with what follows.
 //! - A step touches a part of a table: [`SparseGrad`] collects gradients without anything of the
-//!   table's size being written, and [`LazyAdam`] visits only what was touched.
+//!   table's size being written, and [`LazyAdam`] visits only what was touched. [`step_clock`] has its time.
 //!
 //! Positions are in `[0, 1]³` and everything is `f32`. Outside, coordinates are clamped, and the
 //! derivative along them is zero. Levels can be switched on from coarse to fine in training: the
@@ -42,6 +42,7 @@
 pub mod cpu;
 #[cfg(feature = "cube")]
 pub mod cube;
+pub mod step_clock;
 
 mod config;
 mod encode;
@@ -55,5 +56,5 @@ pub use config::{GridConfig, GridConfigError, Interpolation};
 pub use encode::{EncodeConfig, EncodeOps, encode, encode_with_jacobian, reference};
 pub use grid::HashGrid;
 pub use layout::{BLOCK_ENTRIES, FEATURES, GridLayout, LevelLayout};
-pub use lazy_adam::{LazyAdam, LazyAdamConfig, RestoreError};
+pub use lazy_adam::{LazyAdam, LazyAdamConfig, MomentPrecision, RestoreError};
 pub use sparse_grad::SparseGrad;

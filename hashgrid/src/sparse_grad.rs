@@ -10,14 +10,23 @@ use crate::layout::{BLOCK_ENTRIES, FEATURES, GridLayout};
 /// Values of a block: 8 entries of 2 features, one cache line.
 pub(crate) const BLOCK_VALUES: usize = BLOCK_ENTRIES * FEATURES;
 
+/// Passes that may wait for the step; with more, they are added up.
+const MOST_WAITING: usize = 16;
+
 /// Where the backward passes of a step add up a table's gradient.
 ///
-/// A batch of rays hits a fraction of a table's entries. This keeps one dense buffer for the whole
-/// run, which is zero at rest, and a flag for each block of 8 entries that has been hit since.
-/// Nothing of the table's size is allocated, zeroed or walked through in a step; whoever uses the
-/// gradient up ([`LazyAdam`](crate::LazyAdam), [`SparseGrad::drain`]) zeroes what was hit.
+/// A batch of rays hits a fraction of a table's entries. Nothing of the table's size is allocated,
+/// zeroed or walked through in a step:
 ///
-/// Clones share the buffer: one goes into the op, one to the optimiser. A call holds a lock until
+/// - A pass that [`SparseGrad::defer_levels`] is told of waits for the step. Then [`LazyAdam`](crate::LazyAdam)
+///   takes one level after the other: all passes add to a level's gradient in a buffer
+///   that stays in the cache, and the level is updated.
+/// - Whatever is added before that, and all that waits as soon as somebody wants to see it, goes to
+///   one dense buffer, made when first needed, which is zero at rest, with a flag for each block of 8
+///   entries that has been hit since. Whoever uses it up ([`LazyAdam`](crate::LazyAdam),
+///   [`SparseGrad::drain`]) zeroes what was hit.
+///
+/// Clones share all of it: one goes into the op, one to the optimiser. A call holds a lock until
 /// it returns, so a closure given to one must not call another on the same gradient.
 #[derive(Clone)]
 pub struct SparseGrad {
@@ -25,29 +34,106 @@ pub struct SparseGrad {
     entries: usize,
 }
 
-/// The gradient `[entries, 2]` and a flag (0 or 1) for each block.
+/// The gradient of one step so far.
 pub(crate) struct Buffer {
+    /// Entries of each level.
+    levels: Vec<usize>,
+    /// What has been added, `[entries, 2]`; empty before anything was.
     pub(crate) values: Vec<f32>,
+    /// A flag (0 or 1) for each block; empty before anything was added.
     pub(crate) touched: Vec<u8>,
+    /// What is yet to be added, in order.
+    waiting: Vec<Waiting>,
     /// What kernels of a device have added, `[entries, 2]`.
     #[cfg(feature = "cube")]
     device: Option<gpu_tensors::CubeTensor>,
+}
+
+/// A backward pass whose share of the gradient waits.
+pub(crate) struct Waiting {
+    /// Levels that it adds to.
+    active: usize,
+    add: Box<Addition>,
+}
+
+/// Adds to a level's gradient, and marks its blocks.
+type Addition = dyn Fn(usize, &mut [f32], &mut [u8]) + Send + Sync;
+
+impl Waiting {
+    /// Adds to `level`'s gradient `[entries, 2]`, and marks its blocks; whether there was anything to do.
+    pub(crate) fn add(&self, level: usize, grad: &mut [f32], touched: &mut [u8]) -> bool {
+        let adds = level < self.active;
+        if adds {
+            (self.add)(level, grad, touched);
+        }
+        adds
+    }
+}
+
+impl Buffer {
+    /// Takes what waits, with the number of entries of each level, if that is all there is.
+    pub(crate) fn take_waiting(&mut self) -> Option<(Vec<Waiting>, &[usize])> {
+        if self.waiting.is_empty() || self.touched.contains(&1) {
+            return None;
+        }
+        Some((std::mem::take(&mut self.waiting), &self.levels))
+    }
+
+    /// Adds what waits.
+    fn settle(&mut self) {
+        let waiting = std::mem::take(&mut self.waiting);
+        if !waiting.is_empty() {
+            self.add(self.levels.len(), |level, grad, touched| {
+                for pass in &waiting {
+                    pass.add(level, grad, touched);
+                }
+            });
+        }
+    }
+
+    /// Makes the dense buffer if there is none.
+    fn allocate(&mut self) {
+        if self.values.is_empty() {
+            let entries: usize = self.levels.iter().sum();
+            self.values = vec![0.0; entries * FEATURES];
+            self.touched = vec![0; entries / BLOCK_ENTRIES];
+        }
+    }
+
+    /// Has `add` add to the first `active` levels, in parallel.
+    fn add(&mut self, active: usize, add: impl Fn(usize, &mut [f32], &mut [u8]) + Sync) {
+        self.allocate();
+        let (mut values, mut touched) = (&mut self.values[..], &mut self.touched[..]);
+        let mut levels = Vec::with_capacity(active);
+        for entries in &self.levels[..active] {
+            let (grad, rest) = values.split_at_mut(entries * FEATURES);
+            let (flags, rest_of_flags) = touched.split_at_mut(entries / BLOCK_ENTRIES);
+            levels.push((grad, flags));
+            (values, touched) = (rest, rest_of_flags);
+        }
+        levels
+            .into_par_iter()
+            .with_max_len(1)
+            .enumerate()
+            .for_each(|(level, (grad, flags))| add(level, grad, flags));
+    }
 }
 
 impl SparseGrad {
     /// A zero gradient for a table of this layout.
     #[must_use]
     pub fn new(layout: &GridLayout) -> Self {
-        let entries = layout.entries();
         let buffer = Buffer {
-            values: vec![0.0; entries * FEATURES],
-            touched: vec![0; entries / BLOCK_ENTRIES],
+            levels: layout.levels.iter().map(|level| level.entries).collect(),
+            values: Vec::new(),
+            touched: Vec::new(),
+            waiting: Vec::new(),
             #[cfg(feature = "cube")]
             device: None,
         };
         Self {
             shared: Arc::new(Mutex::new(buffer)),
-            entries,
+            entries: layout.entries(),
         }
     }
 
@@ -92,28 +178,40 @@ impl SparseGrad {
         active: usize,
         add: impl Fn(usize, &mut [f32], &mut [u8]) + Sync,
     ) {
+        self.check(layout);
+        self.lock().add(active, add);
+    }
+
+    /// [`SparseGrad::accumulate_levels_marked`] when the gradient is next used: by
+    /// [`LazyAdam`](crate::LazyAdam), which has each level's gradient in its cache then, or by anyone who
+    /// wants to see it. Passes are added in the order of these calls.
+    ///
+    /// # Panics
+    /// When the layout is not the one this was made for; `add` is not called for more levels than there
+    /// are.
+    pub fn defer_levels(
+        &self,
+        layout: &GridLayout,
+        active: usize,
+        add: impl Fn(usize, &mut [f32], &mut [u8]) + Send + Sync + 'static,
+    ) {
+        self.check(layout);
+        let mut buffer = self.lock_as_is();
+        buffer.waiting.push(Waiting {
+            active,
+            add: Box::new(add),
+        });
+        if buffer.waiting.len() > MOST_WAITING {
+            buffer.settle();
+        }
+    }
+
+    fn check(&self, layout: &GridLayout) {
         assert_eq!(
             layout.entries(),
             self.entries,
-            "SparseGrad::accumulate_levels: entries of the layout"
+            "SparseGrad: entries of the layout"
         );
-        let mut buffer = self.lock();
-        let Buffer {
-            values, touched, ..
-        } = &mut *buffer;
-        let (mut values, mut touched) = (values.as_mut_slice(), touched.as_mut_slice());
-        let mut levels = Vec::with_capacity(active);
-        for level in &layout.levels[..active] {
-            let (grad, rest) = values.split_at_mut(level.entries * FEATURES);
-            let (flags, rest_of_flags) = touched.split_at_mut(level.entries / BLOCK_ENTRIES);
-            levels.push((grad, flags));
-            (values, touched) = (rest, rest_of_flags);
-        }
-        levels
-            .into_par_iter()
-            .with_max_len(1)
-            .enumerate()
-            .for_each(|(level, (grad, flags))| add(level, grad, flags));
     }
 
     /// Calls `visit(first entry, values)` for each touched block, in order; `values` are those of
@@ -159,11 +257,20 @@ impl SparseGrad {
     /// A copy of the whole gradient, `[entries, 2]`.
     #[must_use]
     pub fn to_dense(&self) -> Vec<f32> {
-        self.lock().values.clone()
+        let mut buffer = self.lock();
+        buffer.allocate();
+        buffer.values.clone()
     }
 
-    /// The host's memory, with everything in it that devices have added.
+    /// The host's memory, with everything added that there is.
     pub(crate) fn lock(&self) -> MutexGuard<'_, Buffer> {
+        let mut buffer = self.lock_on_host();
+        buffer.settle();
+        buffer
+    }
+
+    /// The host's memory, with everything added that devices have; the rest may wait.
+    pub(crate) fn lock_on_host(&self) -> MutexGuard<'_, Buffer> {
         #[allow(unused_mut)]
         let mut buffer = self.lock_as_is();
         #[cfg(feature = "cube")]
@@ -190,6 +297,7 @@ impl SparseGrad {
         add: impl FnOnce(&gpu_tensors::CubeTensor) -> R,
     ) -> R {
         let mut buffer = self.lock_as_is();
+        buffer.settle();
         let shape = [self.entries, FEATURES];
         if buffer
             .device
@@ -222,6 +330,7 @@ impl Buffer {
             return;
         };
         let added = gpu_tensors::read(&device);
+        self.allocate();
         let blocks = self.values.chunks_exact_mut(BLOCK_VALUES);
         let blocks = blocks.zip(added.chunks_exact(BLOCK_VALUES));
         for ((values, added), touched) in blocks.zip(&mut self.touched) {
@@ -283,6 +392,16 @@ mod tests {
         assert_eq!(visited, found.touched_blocks());
         // Weights of a cell's corners add up to 1: 2 passes, 2 levels, 2 features, sum of d = 2.
         assert!((sum - 16.0).abs() < 1e-4);
+        let waits = SparseGrad::new(&layout);
+        for _ in 0..2 {
+            let inner = layout.clone();
+            waits.defer_levels(&layout, 2, move |l, grad, touched| {
+                let d = [&d[..], &d[..]];
+                crate::cpu::scatter_level_marked(&inner, l, &x, &x, &x, d, None, grad, touched);
+            });
+        }
+        assert_eq!(waits.to_dense(), marked.to_dense());
+        assert_eq!(waits.touched_blocks(), marked.touched_blocks());
         let clone = marked.clone();
         clone.drain(|_, _| {});
         assert_eq!(marked.touched_blocks(), 0);

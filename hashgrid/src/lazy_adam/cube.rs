@@ -5,7 +5,9 @@
 
 use gpu_tensors::{CubeTensor, buffer, cubecl, from_slice, read, units_for};
 
-use super::{LazyAdam, LazyAdamConfig, STATE, power};
+use super::moments::{Moments, STATE};
+use super::rule::{Rule, power};
+use super::{LazyAdam, LazyAdamConfig};
 use crate::layout::{BLOCK_ENTRIES, FEATURES};
 use crate::sparse_grad::BLOCK_VALUES;
 use cubecl::prelude::*;
@@ -88,13 +90,14 @@ impl LazyAdam {
         let moments = match self.device.take() {
             Some(moments) => moments,
             None => {
-                let moments = DeviceMoments::upload(table, &self.moments, &self.visited);
+                let moments = DeviceMoments::upload(table, &self.moments.values(), &self.visited);
                 // The device's are the ones that count from now on.
-                (self.moments, self.visited) = (Vec::new(), Vec::new());
+                self.moments = Moments::zeros(self.config.moments, 0);
+                self.visited = Vec::new();
                 moments
             }
         };
-        let rule = super::Rule::new(&self.config, self.steps, learning_rate);
+        let rule = Rule::new(&self.config, self.steps, learning_rate);
         let entries = self.blocks * BLOCK_ENTRIES;
         let client = &table.client;
         let (count, dim) = units_for(client, entries);
@@ -127,14 +130,16 @@ impl LazyAdam {
     pub(super) fn host_state(&self) -> (Vec<f32>, Vec<u32>) {
         match &self.device {
             Some(moments) => moments.download(&self.config),
-            None => (self.moments.clone(), self.visited.clone()),
+            None => (self.moments.values(), self.visited.clone()),
         }
     }
 
     /// Makes the host's state the one that counts.
     pub(super) fn bring_home(&mut self) {
         if let Some(moments) = self.device.take() {
-            (self.moments, self.visited) = moments.download(&self.config);
+            let (moments, visited) = moments.download(&self.config);
+            self.moments = Moments::of(self.config.moments, &moments);
+            self.visited = visited;
         }
     }
 }

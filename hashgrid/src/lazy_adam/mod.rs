@@ -1,9 +1,11 @@
 //! Adam for a table of which a step touches a part.
 
+mod by_levels;
 #[cfg(feature = "cube")]
 mod cube;
+mod moments;
+mod rule;
 
-use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -11,9 +13,10 @@ use crate::grid::HashGrid;
 use crate::layout::{BLOCK_ENTRIES, FEATURES, GridLayout};
 use crate::sparse_grad::{BLOCK_VALUES, Buffer, SparseGrad};
 use crate::update::TableUpdate;
+use moments::{Moments, STATE, Stored};
+use rule::{Parts, Rule, power};
 
-/// A block's first moments, then its second ones: two cache lines next to each other.
-const STATE: usize = 2 * BLOCK_VALUES;
+pub use moments::MomentPrecision;
 
 /// Blocks handled by one task at a time.
 const TASK_BLOCKS: usize = 4096;
@@ -27,6 +30,9 @@ pub struct LazyAdamConfig {
     pub beta2: f64,
     /// Added to the second moment's root. Gradients of a table are tiny: this must be, too.
     pub epsilon: f64,
+    /// How a CPU keeps both moments.
+    #[serde(default)]
+    pub moments: MomentPrecision,
 }
 
 impl Default for LazyAdamConfig {
@@ -35,6 +41,7 @@ impl Default for LazyAdamConfig {
             beta1: 0.9,
             beta2: 0.99,
             epsilon: 1e-15,
+            moments: MomentPrecision::Single,
         }
     }
 }
@@ -63,7 +70,7 @@ pub struct LazyAdam {
     steps: u32,
     blocks: usize,
     /// `[blocks, 2, 16]`; empty while they are on a device.
-    moments: Vec<f32>,
+    moments: Moments,
     /// The step of each block's last visit; empty while they are on a device.
     visited: Vec<u32>,
     #[cfg(feature = "cube")]
@@ -106,7 +113,7 @@ impl LazyAdam {
             config,
             steps: 0,
             blocks,
-            moments: vec![0.0; blocks * STATE],
+            moments: Moments::zeros(config.moments, blocks * STATE),
             visited: vec![0; blocks],
             #[cfg(feature = "cube")]
             device: None,
@@ -131,27 +138,11 @@ impl LazyAdam {
         self.bring_home();
         self.steps += 1;
         let rule = Rule::new(&self.config, self.steps, learning_rate);
-        let mut buffer = gradient.lock();
-        let Buffer {
-            values, touched, ..
-        } = &mut *buffer;
-        table
-            .par_chunks_mut(TASK_BLOCKS * BLOCK_VALUES)
-            .zip(values.par_chunks_mut(TASK_BLOCKS * BLOCK_VALUES))
-            .zip(self.moments.par_chunks_mut(TASK_BLOCKS * STATE))
-            .zip(self.visited.par_chunks_mut(TASK_BLOCKS))
-            .zip(touched.par_chunks_mut(TASK_BLOCKS))
-            .for_each(|((((table, gradient), moments), visited), touched)| {
-                let rule = &rule;
-                Arch::new().dispatch(Task {
-                    rule,
-                    table,
-                    gradient,
-                    moments,
-                    visited,
-                    touched,
-                });
-            });
+        let visited = &mut self.visited[..];
+        match &mut self.moments {
+            Moments::Single(moments) => descend(&rule, gradient, table, moments, visited),
+            Moments::Half(moments) => descend(&rule, gradient, table, moments, visited),
+        }
     }
 
     /// [`LazyAdam::step`] on a grid's own table, where it is, and in place when nobody else holds
@@ -182,8 +173,8 @@ impl LazyAdam {
 
     /// The host's state, wherever it is now.
     #[cfg(not(feature = "cube"))]
-    fn host_state(&self) -> (&[f32], &[u32]) {
-        (&self.moments, &self.visited)
+    fn host_state(&self) -> (Vec<f32>, &[u32]) {
+        (self.moments.values(), &self.visited)
     }
 
     /// First and second moments as of now, each `[entries, 2]`, with all decay applied.
@@ -234,7 +225,7 @@ impl LazyAdam {
                 steps,
             });
         }
-        self.moments = moments.to_vec();
+        self.moments = Moments::of(self.config.moments, moments);
         self.visited = visited.iter().map(|step| *step as u32).collect();
         self.steps = steps;
         #[cfg(feature = "cube")]
@@ -243,6 +234,45 @@ impl LazyAdam {
         }
         Ok(())
     }
+}
+
+/// A step on a table in the host's memory.
+fn descend<T: Stored>(
+    rule: &Rule,
+    gradient: &SparseGrad,
+    table: &mut [f32],
+    moments: &mut [T],
+    visited: &mut [u32],
+) {
+    let mut buffer = gradient.lock_on_host();
+    if let Some((waiting, levels)) = buffer.take_waiting() {
+        let parts = Parts {
+            table,
+            moments,
+            visited,
+        };
+        by_levels::step(rule, &waiting, levels, parts);
+        return;
+    }
+    drop(buffer);
+    let mut buffer = gradient.lock();
+    let Buffer {
+        values, touched, ..
+    } = &mut *buffer;
+    table
+        .par_chunks_mut(TASK_BLOCKS * BLOCK_VALUES)
+        .zip(values.par_chunks_mut(TASK_BLOCKS * BLOCK_VALUES))
+        .zip(moments.par_chunks_mut(TASK_BLOCKS * STATE))
+        .zip(visited.par_chunks_mut(TASK_BLOCKS))
+        .zip(touched.par_chunks_mut(TASK_BLOCKS))
+        .for_each(|((((table, gradient), moments), visited), touched)| {
+            let parts = Parts {
+                table,
+                moments,
+                visited,
+            };
+            rule.update(parts, gradient, touched);
+        });
 }
 
 /// A step on a grid's table, wherever it is.
@@ -267,109 +297,5 @@ impl TableUpdate for Step<'_> {
                 .step_on_device(&table, gradient, self.learning_rate);
         });
         table
-    }
-}
-
-/// `beta^steps`, rounded once.
-fn power(beta: f64, steps: u32) -> f32 {
-    beta.powi(steps.min(1 << 24) as i32) as f32
-}
-
-/// A step's numbers: the moments' decay by steps since a visit, and the update's factors.
-struct Rule {
-    step: u32,
-    betas: [f64; 2],
-    /// `beta^k` for small `k`.
-    decay: [[f32; Self::POWERS]; 2],
-    /// `1 − beta`.
-    gain: [f32; 2],
-    /// `rate / (1 − beta1^step)`.
-    rate: f32,
-    /// `1 / sqrt(1 − beta2^step)`.
-    root: f32,
-    epsilon: f32,
-}
-
-impl Rule {
-    /// Blocks that are visited at all are mostly visited again within this many steps.
-    const POWERS: usize = 64;
-
-    fn new(config: &LazyAdamConfig, step: u32, learning_rate: f64) -> Self {
-        let betas = [config.beta1, config.beta2];
-        let correction = betas.map(|beta| 1.0 - beta.powi(step.min(1 << 24) as i32));
-        Self {
-            step,
-            betas,
-            decay: betas.map(|beta| std::array::from_fn(|k| power(beta, k as u32))),
-            gain: betas.map(|beta| (1.0 - beta) as f32),
-            rate: (learning_rate / correction[0]) as f32,
-            root: (1.0 / correction[1].sqrt()) as f32,
-            epsilon: config.epsilon as f32,
-        }
-    }
-
-    /// The decay of both moments after `steps` steps.
-    #[inline(always)]
-    fn decay(&self, steps: u32) -> [f32; 2] {
-        let steps_index = steps as usize;
-        if steps_index < Self::POWERS {
-            [self.decay[0][steps_index], self.decay[1][steps_index]]
-        } else {
-            self.betas.map(|beta| power(beta, steps))
-        }
-    }
-
-    /// Updates one block.
-    #[inline(always)]
-    fn apply(
-        &self,
-        table: &mut [f32; BLOCK_VALUES],
-        gradient: &mut [f32; BLOCK_VALUES],
-        moments: &mut [f32; STATE],
-        steps: u32,
-    ) {
-        let [decay1, decay2] = self.decay(steps);
-        for i in 0..BLOCK_VALUES {
-            let g = gradient[i];
-            let m = moments[i] * decay1 + self.gain[0] * g;
-            let v = moments[BLOCK_VALUES + i] * decay2 + self.gain[1] * (g * g);
-            let change = self.rate * m / (v.sqrt() * self.root + self.epsilon);
-            moments[i] = m;
-            moments[BLOCK_VALUES + i] = v;
-            table[i] -= if g == 0.0 { 0.0 } else { change };
-        }
-        gradient.fill(0.0);
-    }
-}
-
-/// Neighbouring blocks, as pulp wants a function with generic body to be written.
-struct Task<'a> {
-    rule: &'a Rule,
-    table: &'a mut [f32],
-    gradient: &'a mut [f32],
-    moments: &'a mut [f32],
-    visited: &'a mut [u32],
-    touched: &'a mut [u8],
-}
-
-impl WithSimd for Task<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        let table = self.table.as_chunks_mut().0;
-        let gradient = self.gradient.as_chunks_mut().0;
-        let moments = self.moments.as_chunks_mut().0;
-        let blocks = table.iter_mut().zip(gradient).zip(moments);
-        for (((table, gradient), moments), (visited, touched)) in
-            blocks.zip(self.visited.iter_mut().zip(self.touched))
-        {
-            if *touched != 0 {
-                *touched = 0;
-                self.rule
-                    .apply(table, gradient, moments, self.rule.step - *visited);
-                *visited = self.rule.step;
-            }
-        }
     }
 }

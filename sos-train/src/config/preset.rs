@@ -5,6 +5,7 @@ use super::sections::{
     AlphaSource, Blend, ColourLoss, ExportConfig, Fields, Interpolation, LossConfig, Majority,
     ModelConfig, PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
 };
+use hashgrid::MomentPrecision;
 use serde::{Deserialize, Serialize};
 
 /// A named set of values for the whole configuration.
@@ -87,6 +88,7 @@ fn default() -> TrainConfig {
         schedule: ScheduleConfig {
             learning_rate: 0.01,
             learning_rate_mlp: 0.005,
+            moments: MomentPrecision::Half,
             warmup_steps: 200,
             final_ratio: 0.1,
             first_levels: 4,
@@ -199,6 +201,7 @@ fn paper() -> TrainConfig {
         schedule: ScheduleConfig {
             learning_rate: 0.01,
             learning_rate_mlp: 0.01,
+            moments: MomentPrecision::Half,
             warmup_steps: 500,
             carve: 0.0,
             ..base.schedule

@@ -1,5 +1,6 @@
 //! The sections of the configuration. Names here are the keys of `config.toml` and `--set`.
 
+use hashgrid::MomentPrecision;
 use serde::{Deserialize, Serialize};
 
 /// How a hash grid is read between its vertices.
@@ -193,6 +194,8 @@ pub struct ScheduleConfig {
     pub learning_rate: f32,
     /// The same of the networks.
     pub learning_rate_mlp: f32,
+    /// How a CPU keeps the moments of the tables' Adam.
+    pub moments: MomentPrecision,
     /// Steps over which rates rise to their peak.
     pub warmup_steps: u32,
     /// Rates at the end, relative to the peak.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use hashgrid::{GridConfig, GridLayout, LazyAdam};
+use hashgrid::{GridConfig, GridLayout, LazyAdam, LazyAdamConfig};
 use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 
 use super::agreement::Agreement;
@@ -105,6 +105,15 @@ pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
     }
 }
 
+/// Adam for a table.
+fn table_adam(layout: &GridLayout, config: &TrainConfig) -> LazyAdam {
+    let constants = LazyAdamConfig {
+        moments: config.schedule.moments,
+        ..LazyAdamConfig::default()
+    };
+    LazyAdam::with_config(layout, constants)
+}
+
 /// Rays whose samples one task looks for: few on a CPU, where tasks run beside each other and their
 /// lists should stay in a core's cache; all at once on a GPU, where each look is a round trip.
 fn rays_per_task(device: &ChosenDevice) -> usize {
@@ -141,8 +150,8 @@ impl Trainer {
             grids = grids.with_object_density();
         }
         let mut trainer = Self {
-            object_adam: LazyAdam::new(&object_layout),
-            background_adam: LazyAdam::new(&background_layout),
+            object_adam: table_adam(&object_layout, config),
+            background_adam: table_adam(&background_layout, config),
             context: StepContext {
                 config: config.clone(),
                 object_layout,

@@ -1,5 +1,7 @@
 //! Backward: tiles of points in parallel, then one scatter task per grid level.
 
+use std::sync::Arc;
+
 use hashgrid::{GridLayout, cpu as grid};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
@@ -90,7 +92,7 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> 
         row[..weights.inputs].copy_from_slice(active);
     }
     Gradients {
-        table: scatter_table(saved, &scatter, dense_table),
+        table: scatter_table(saved, scatter, dense_table),
         w1,
         b1: first.bias,
         w2: second.weight,
@@ -98,52 +100,75 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> 
     }
 }
 
-/// One level's share of the table gradient: every tile's points in order, so without atomics.
-fn scatter_one(
-    saved: &Saved,
-    scatter: &[f32],
-    level: usize,
-    grad: &mut [f32],
-    mut touched: Option<&mut [u8]>,
-) {
-    let layout: &GridLayout = &saved.config.layout;
-    let features = saved.weights.inputs - 3;
-    for (t, tile) in scatter
-        .chunks_exact(scatter_rows(&saved.weights) * POINTS)
-        .enumerate()
-    {
-        let count = POINTS.min(saved.points - t * POINTS);
-        let row = |r: usize| &tile[r * POINTS..r * POINTS + count];
-        let d_value = [row(6 + 2 * level), row(7 + 2 * level)];
-        let normal_part = (saved.config.normal == Normal::Computed).then(|| {
-            (
-                [row(6 + features + 2 * level), row(7 + features + 2 * level)],
-                [row(3), row(4), row(5)],
-            )
-        });
-        let (x, y, z) = (row(0), row(1), row(2));
-        match touched.as_deref_mut() {
-            Some(touched) => grid::scatter_level_marked(
-                layout,
-                level,
-                x,
-                y,
-                z,
-                d_value,
-                normal_part,
-                grad,
-                touched,
-            ),
-            None => grid::scatter_level(layout, level, x, y, z, d_value, normal_part, grad),
+/// Hits for each block of a level from which on blocks are not marked one by one: few would be left out.
+const OFTEN: usize = 2;
+
+/// What comes back to the table: for each tile the rows of [`scatter_rows`].
+struct TableGradient {
+    layout: Arc<GridLayout>,
+    normal: Normal,
+    points: usize,
+    /// Features of the grid.
+    features: usize,
+    tiles: Scratch,
+}
+
+impl TableGradient {
+    /// Adds one level's share: every tile's points in order, so without atomics.
+    fn add(&self, level: usize, grad: &mut [f32], mut touched: Option<&mut [u8]>) {
+        let features = self.features;
+        if let Some(flags) = touched.as_deref_mut()
+            && 8 * self.points >= OFTEN * flags.len()
+        {
+            flags.fill(1);
+            touched = None;
+        }
+        for (t, tile) in self
+            .tiles
+            .chunks_exact((6 + 2 * features) * POINTS)
+            .enumerate()
+        {
+            let count = POINTS.min(self.points - t * POINTS);
+            let row = |r: usize| &tile[r * POINTS..r * POINTS + count];
+            let d_value = [row(6 + 2 * level), row(7 + 2 * level)];
+            let normal_part = (self.normal == Normal::Computed).then(|| {
+                (
+                    [row(6 + features + 2 * level), row(7 + features + 2 * level)],
+                    [row(3), row(4), row(5)],
+                )
+            });
+            let (layout, x, y, z) = (&self.layout, row(0), row(1), row(2));
+            match touched.as_deref_mut() {
+                Some(touched) => grid::scatter_level_marked(
+                    layout,
+                    level,
+                    x,
+                    y,
+                    z,
+                    d_value,
+                    normal_part,
+                    grad,
+                    touched,
+                ),
+                None => grid::scatter_level(layout, level, x, y, z, d_value, normal_part, grad),
+            }
         }
     }
 }
 
-fn scatter_table(saved: &Saved, scatter: &[f32], dense: DenseTable) -> Option<Vec<f32>> {
+/// The table's gradient: in `config.sparse` once the step asks for it, or now as a dense tensor.
+fn scatter_table(saved: &Saved, scatter: Scratch, dense: DenseTable) -> Option<Vec<f32>> {
     let active = saved.config.active_levels;
+    let gradient = TableGradient {
+        layout: Arc::clone(&saved.config.layout),
+        normal: saved.config.normal,
+        points: saved.points,
+        features: saved.weights.inputs - 3,
+        tiles: scatter,
+    };
     if let Some(sparse) = &saved.config.sparse {
-        sparse.accumulate_levels_marked(&saved.config.layout, active, |level, grad, touched| {
-            scatter_one(saved, scatter, level, grad, Some(touched));
+        sparse.defer_levels(&saved.config.layout, active, move |level, grad, touched| {
+            gradient.add(level, grad, Some(touched))
         });
         return None;
     }
@@ -161,7 +186,7 @@ fn scatter_table(saved: &Saved, scatter: &[f32], dense: DenseTable) -> Option<Ve
     slices
         .into_par_iter()
         .enumerate()
-        .for_each(|(level, grad)| scatter_one(saved, scatter, level, grad, None));
+        .for_each(|(level, grad)| gradient.add(level, grad, None));
     Some(table)
 }
 
