@@ -4,7 +4,7 @@ use crate::config::TrainConfig;
 use crate::prepare::error::PrepareError;
 use crate::prepare::{Outline, Prepared, TrainView};
 use crate::train::Trainer;
-use hashgrid::GridLayout;
+use hashgrid::{GridLayout, MomentPrecision};
 use scene_doctor::Cost;
 use std::time::Instant;
 
@@ -24,9 +24,7 @@ const PICTURES: u64 = 4;
 const REPORT: u64 = 120_000;
 /// Bytes of a mesh of 256 cells a side; it grows with their square.
 const MESH: u64 = 5_000_000;
-/// Bytes in memory for each entry of a hash table (two values): they, two moments, a gradient.
-const ENTRY_IN_MEMORY: u64 = 2 * 4 * 4;
-/// The same in a checkpoint, without the gradient.
+/// Bytes in a checkpoint for each entry of a hash table: its two values, and two moments of each.
 const ENTRY_ON_DISK: u64 = 2 * 4 * 3;
 /// Maps of the object's probability in a checkpoint, with 128 voxels a side.
 const MAPS_ON_DISK: u64 = 3 * 4 * 128 * 128 * 128;
@@ -84,7 +82,7 @@ pub fn counted(config: &TrainConfig, data: &Prepared) -> Cost {
     Cost {
         steps: config.steps,
         minutes: None,
-        memory: entries * ENTRY_IN_MEMORY + in_memory as u64 + REST_IN_MEMORY,
+        memory: entries * entry_in_memory(config) + in_memory as u64 + REST_IN_MEMORY,
         memory_left: memory_left(),
         disk: entries * ENTRY_ON_DISK
             + MAPS_ON_DISK
@@ -94,6 +92,16 @@ pub fn counted(config: &TrainConfig, data: &Prepared) -> Cost {
             + MESH * cells * cells / (256 * 256),
         basis: "counted from the sizes of photos and tables".to_owned(),
     }
+}
+
+/// Bytes in memory for each entry of a hash table: its two values, and two moments of each. A gradient
+/// there is of one level at a time.
+fn entry_in_memory(config: &TrainConfig) -> u64 {
+    let moment = match config.schedule.moments {
+        MomentPrecision::Single => 4,
+        MomentPrecision::Half => 2,
+    };
+    2 * (4 + 2 * moment)
 }
 
 fn pixels(data: &Prepared) -> u64 {
