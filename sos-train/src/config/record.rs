@@ -4,6 +4,7 @@ use super::overlay::{one_line, reworded};
 use super::{ConfigError, Preset, TrainConfig};
 use crate::discover::hint::{Click, WorldBox};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use toml::{Table, Value};
 
@@ -123,10 +124,16 @@ impl RunRecord {
     pub fn to_toml(&self) -> Result<String, ConfigError> {
         let mut text = format!("{HEADER}{}", written(&self.config)?);
         if let Some(input) = &self.input {
-            text.push_str(&format!("\n[{INPUT}]\n{}", written(input)?));
+            text.push_str(&format!(
+                "\n{}",
+                written(&BTreeMap::from([(INPUT, input)]))?
+            ));
         }
         if let Some(versions) = &self.versions {
-            text.push_str(&format!("\n[{VERSIONS}]\n{}", written(versions)?));
+            text.push_str(&format!(
+                "\n{}",
+                written(&BTreeMap::from([(VERSIONS, versions)]))?
+            ));
         }
         Ok(text)
     }

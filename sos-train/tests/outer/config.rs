@@ -34,6 +34,30 @@ fn every_preset_is_valid_and_survives_its_file() {
     assert_eq!(TrainConfig::default(), TrainConfig::preset(Preset::Default));
 }
 
+/// A hint is a table within what the run was given, and no setting.
+#[test]
+fn hints_survive_the_file() {
+    let click = sos_train::discover::hint::Click {
+        view: "000.jpg".to_owned(),
+        x: 274.0,
+        y: 278.5,
+    };
+    let object_box = sos_train::discover::hint::WorldBox {
+        low: [-1.0, 0.0, 0.5],
+        high: [1.0, 2.0, 3.0],
+    };
+    for (click, object_box) in [(Some(click), None), (None, Some(object_box))] {
+        let input = InputRecord {
+            click,
+            object_box,
+            ..input()
+        };
+        let record = RunRecord::new(TrainConfig::default(), input);
+        let text = record.to_toml().unwrap();
+        assert_eq!(RunRecord::from_toml(&text).unwrap(), record, "{text}");
+    }
+}
+
 #[test]
 fn the_file_shows_values_as_a_person_would_write_them() {
     let text = RunRecord::new(TrainConfig::default(), input())
