@@ -80,7 +80,7 @@ impl Buffer {
     }
 
     /// Adds what waits.
-    fn settle(&mut self) {
+    pub(crate) fn settle(&mut self) {
         let waiting = std::mem::take(&mut self.waiting);
         if !waiting.is_empty() {
             self.add(self.levels.len(), |level, grad, touched| {

@@ -254,8 +254,7 @@ fn descend<T: Stored>(
         by_levels::step(rule, &waiting, levels, parts);
         return;
     }
-    drop(buffer);
-    let mut buffer = gradient.lock();
+    buffer.settle();
     let Buffer {
         values, touched, ..
     } = &mut *buffer;

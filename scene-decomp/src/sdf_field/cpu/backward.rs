@@ -1,4 +1,5 @@
-//! Backward: tiles of points in parallel, then one scatter task per grid level.
+//! Backward: tiles of points in parallel, then one scatter task per grid level, which waits for the step where
+//! the gradient is sparse.
 
 use std::sync::Arc;
 
@@ -32,8 +33,8 @@ pub(crate) struct Gradients {
 
 /// Rows of one tile handed from the MLP's backward to the scatter:
 /// unit positions, dL/dn in unit coordinates, dL/dh and g.
-fn scatter_rows(weights: &Weights) -> usize {
-    6 + 2 * (weights.inputs - 3)
+fn scatter_rows(features: usize) -> usize {
+    6 + 2 * features
 }
 
 /// Gradients for `grad [n, 1 + G + 3]`.
@@ -43,7 +44,7 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> 
     let columns = weights.columns();
     let tiles = saved.points.div_ceil(POINTS);
     let saved_len = saved_rows(weights, saved.config.normal) * POINTS;
-    let scatter_len = scatter_rows(weights) * POINTS;
+    let scatter_len = scatter_rows(weights.inputs - 3) * POINTS;
     let mut scatter = Scratch::new(tiles * scatter_len);
 
     let tiles_per_job = tiles.div_ceil(JOBS).max(1);
@@ -125,7 +126,7 @@ impl TableGradient {
         }
         for (t, tile) in self
             .tiles
-            .chunks_exact((6 + 2 * features) * POINTS)
+            .chunks_exact(scatter_rows(features) * POINTS)
             .enumerate()
         {
             let count = POINTS.min(self.points - t * POINTS);
@@ -258,7 +259,7 @@ impl WithSimd for BackwardJob<'_> {
             )
             .zip(
                 self.scatter
-                    .chunks_exact_mut(scatter_rows(weights) * POINTS),
+                    .chunks_exact_mut(scatter_rows(weights.inputs - 3) * POINTS),
             );
         for ((grad, tile), scatter) in tiles {
             backward_tile(
