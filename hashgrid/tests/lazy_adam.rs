@@ -169,8 +169,9 @@ fn half_moments_are_adam_within_their_precision() {
         bias += (f64::from(v[i]) / dense.v[i] - 1.0) / table.len() as f64;
     }
     // A rounding is off by 0.23 % as a root mean square; the second moment remembers a hundred of them,
-    // which makes 1.6 %, and a step half of that. 400 steps of 0.01 go as far as 4.
-    assert!(worst < 0.02 * 4.0, "{worst}");
+    // which makes 1.6 %, and a step half of that. 400 steps of 0.01 are four such memories of a path of 1:
+    // 0.8 % of it, twice, as a root mean square. The bound is five times that.
+    assert!(worst < 5.0 * 2.0 * 0.008, "{worst}");
     assert!(bias.abs() < 2e-3, "{bias}");
 }
 
