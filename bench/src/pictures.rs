@@ -36,20 +36,12 @@ pub(crate) struct PictureFigures {
 /// Draws the views of the finished run in `folder`.
 pub(crate) fn measure(folder: &Path) -> Result<PictureFigures> {
     let (scene, data) = load_trained(&RunFolder::open_existing(folder)?)?;
-    let seconds = |work: &mut dyn FnMut()| {
-        let begun = Instant::now();
-        work();
-        begun.elapsed().as_secs_f64()
-    };
-    let mut survey = None;
-    let survey_seconds = seconds(&mut || survey = Some(Survey::new(&scene, &data, || ())));
-    let one_view_seconds = survey.map_or(0.0, |survey| {
-        seconds(&mut || drop(render_view(&scene, &data, &survey, 0)))
-    });
+    let (survey, survey_seconds) = timed(|| Survey::new(&scene, &data, || ()));
+    let (_, one_view_seconds) = timed(|| render_view(&scene, &data, &survey, 0));
     let peak_gib = peak_gib();
     // Two views at a time, as a run draws them: small ones do not fill all cores by themselves.
     let indices: Vec<usize> = (0..data.views.len()).collect();
-    let mattes_seconds = seconds(&mut || {
+    let ((), mattes_seconds) = timed(|| {
         for pair in indices.chunks(2) {
             pair.par_iter()
                 .for_each(|&index| drop(render_matte(&scene, &data, index)));
@@ -65,6 +57,13 @@ pub(crate) fn measure(folder: &Path) -> Result<PictureFigures> {
         one_view_seconds,
         peak_gib,
     })
+}
+
+/// What `work` returns, and the seconds it took.
+fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let begun = Instant::now();
+    let done = work();
+    (done, begun.elapsed().as_secs_f64())
 }
 
 /// The largest resident set so far, as Linux has it in `/proc/self/status`.
