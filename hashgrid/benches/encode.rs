@@ -92,11 +92,21 @@ impl Case {
     }
 
     fn backward(&self, d: &[f32], normal: bool, grad: &mut [f32]) {
-        let [x, y, z] = &self.points;
+        let rows = self.rows(d, normal);
         for (l, level) in self.layout.levels.iter().enumerate() {
             let grad = &mut grad[2 * level.offset..2 * (level.offset + level.entries)];
-            let part = normal.then_some(([d, d], [d, d, d]));
-            cpu::scatter_level(&self.layout, l, x, y, z, [d, d], part, grad);
+            cpu::scatter_level(&self.layout, l, &rows, grad, None);
+        }
+    }
+
+    /// `d` as all that comes back.
+    fn rows<'a>(&'a self, d: &'a [f32], normal: bool) -> cpu::ScatterRows<'a> {
+        let [x, y, z] = &self.points;
+        cpu::ScatterRows {
+            position: [x, y, z],
+            d_value: [d; 2],
+            normal_part: normal.then_some(([d; 2], [d; 3])),
+            next: 0,
         }
     }
 }
@@ -149,13 +159,12 @@ fn growth(c: &mut Criterion) {
 fn optimiser(c: &mut Criterion) {
     let mut group = c.benchmark_group("lazy_adam_16384_rays");
     let case = Case::new(16384, 19, true);
-    let [x, y, z] = &case.points;
     let d = vec![0.5; 16384];
+    let rows = case.rows(&d, true);
     let gradient = SparseGrad::new(&case.layout);
     let fill = || {
         gradient.accumulate_levels_marked(&case.layout, 16, |l, grad, touched| {
-            let part = Some(([&d[..]; 2], [&d[..]; 3]));
-            cpu::scatter_level_marked(&case.layout, l, x, y, z, [&d, &d], part, grad, touched);
+            cpu::scatter_level(&case.layout, l, &rows, grad, Some(touched));
         });
     };
     group.bench_function("backward_marked", |b| b.iter(fill));
@@ -175,8 +184,7 @@ fn optimiser(c: &mut Criterion) {
     group.bench_function("backward_found_by_search", |b| {
         b.iter(|| {
             gradient.accumulate_levels(&case.layout, 16, |l, grad| {
-                let part = Some(([&d[..]; 2], [&d[..]; 3]));
-                cpu::scatter_level(&case.layout, l, x, y, z, [&d, &d], part, grad);
+                cpu::scatter_level(&case.layout, l, &rows, grad, None);
             });
         });
     });

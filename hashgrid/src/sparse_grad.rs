@@ -168,7 +168,7 @@ impl SparseGrad {
     /// Adds to the first `active` levels, one parallel task for each: `add(level, grad, touched)`
     /// receives the level's gradient `[entries, 2]` and its flags, one for each
     /// [`BLOCK_ENTRIES`] entries, and sets to 1 those of the blocks it changes.
-    /// [`scatter_level_marked`](crate::cpu::scatter_level_marked) does.
+    /// [`scatter_level`](crate::cpu::scatter_level) does.
     ///
     /// # Panics
     /// When the layout is not the one this was made for, or has fewer levels than `active`.
@@ -371,13 +371,20 @@ mod tests {
         let (found, marked) = (SparseGrad::new(&layout), SparseGrad::new(&layout));
         let x = [0.1, 0.5, 0.9];
         let d = [1.0, -2.0, 3.0];
+        let scatter =
+            move |layout: &GridLayout, l: usize, grad: &mut [f32], touched: Option<&mut [u8]>| {
+                let rows = crate::cpu::ScatterRows {
+                    position: [&x; 3],
+                    d_value: [&d; 2],
+                    normal_part: None,
+                    next: 0,
+                };
+                crate::cpu::scatter_level(layout, l, &rows, grad, touched);
+            };
         for _ in 0..2 {
-            found.accumulate_levels(&layout, 2, |l, grad| {
-                crate::cpu::scatter_level(&layout, l, &x, &x, &x, [&d, &d], None, grad);
-            });
+            found.accumulate_levels(&layout, 2, |l, grad| scatter(&layout, l, grad, None));
             marked.accumulate_levels_marked(&layout, 2, |l, grad, touched| {
-                let d = [&d[..], &d[..]];
-                crate::cpu::scatter_level_marked(&layout, l, &x, &x, &x, d, None, grad, touched);
+                scatter(&layout, l, grad, Some(touched));
             });
         }
         assert_eq!(found.to_dense(), marked.to_dense());
@@ -396,8 +403,7 @@ mod tests {
         for _ in 0..2 {
             let inner = layout.clone();
             waits.defer_levels(&layout, 2, move |l, grad, touched| {
-                let d = [&d[..], &d[..]];
-                crate::cpu::scatter_level_marked(&inner, l, &x, &x, &x, d, None, grad, touched);
+                scatter(&inner, l, grad, Some(touched));
             });
         }
         assert_eq!(waits.to_dense(), marked.to_dense());

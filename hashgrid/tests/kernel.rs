@@ -222,8 +222,13 @@ fn poison_neither_leaves_the_table_nor_stops_the_scatter() {
     let ones = vec![1.0; 343];
     for (l, level) in layout.levels.iter().enumerate() {
         let mut grad = vec![0.0; 2 * level.entries];
-        let normal = Some(([&ones[..]; 2], [&ones[..]; 3]));
-        cpu::scatter_level(&layout, l, &x, &y, &z, [&ones, &ones], normal, &mut grad);
+        let rows = cpu::ScatterRows {
+            position: [&x, &y, &z],
+            d_value: [&ones; 2],
+            normal_part: Some(([&ones; 2], [&ones; 3])),
+            next: 0,
+        };
+        cpu::scatter_level(&layout, l, &rows, &mut grad, None);
         assert!(grad.iter().all(|value| value.is_finite()));
     }
 }
@@ -262,19 +267,16 @@ fn the_scatter_is_the_transpose_of_the_encoding() {
                 let mut grad = vec![0.0; 2 * level.entries];
                 let mut marked = grad.clone();
                 let mut touched = vec![0; level.entries / 8];
-                let normal: Option<cpu::NormalPart<'_>> = Some(([g0, g1], [nx, ny, nz]));
-                cpu::scatter_level(&layout, l, &x, &y, &z, [d0, d1], normal, &mut grad);
-                cpu::scatter_level_marked(
-                    &layout,
-                    l,
-                    &x,
-                    &y,
-                    &z,
-                    [d0, d1],
-                    normal,
-                    &mut marked,
-                    &mut touched,
-                );
+                let rows = cpu::ScatterRows {
+                    position: [&x, &y, &z],
+                    d_value: [d0, d1],
+                    normal_part: Some(([g0, g1], [nx, ny, nz])),
+                    next: 0,
+                };
+                cpu::scatter_level(&layout, l, &rows, &mut grad, None);
+                // Rows that are asked for and not there do nothing.
+                let rows = cpu::ScatterRows { next: 128, ..rows };
+                cpu::scatter_level(&layout, l, &rows, &mut marked, Some(&mut touched));
                 assert_eq!(grad, marked);
                 for (block, touched) in grad.chunks_exact(16).zip(&touched) {
                     assert!(*touched == 1 || block.iter().all(|value| *value == 0.0));

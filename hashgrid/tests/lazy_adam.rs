@@ -120,8 +120,13 @@ fn passes_that_wait_are_the_same_step() {
                         std::array::from_fn(|_| (0..7).map(|_| random.unit()).collect::<Vec<_>>());
                     let inner = layout.clone();
                     let add = move |l: usize, grad: &mut [f32], touched: &mut [u8]| {
-                        let d = [&d[..], &d[..]];
-                        cpu::scatter_level_marked(&inner, l, &x, &y, &z, d, None, grad, touched);
+                        let rows = cpu::ScatterRows {
+                            position: [&x, &y, &z],
+                            d_value: [&d; 2],
+                            normal_part: None,
+                            next: 0,
+                        };
+                        cpu::scatter_level(&inner, l, &rows, grad, Some(touched));
                     };
                     if wait {
                         gradient.defer_levels(&layout, levels, add);

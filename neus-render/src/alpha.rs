@@ -40,12 +40,12 @@ impl NeusParameters {
     pub(crate) fn log_survival(&self, sdf: f32, slope: f32, dt: f32, log_epsilon: f32) -> f32 {
         let half = 0.5 * dt * self.annealed_slope(slope);
         let s = self.sharpness;
-        let before = softplus(-s * (sdf - half));
-        let after = softplus(-s * (sdf + half));
+        let before = softplus::<false>(-s * (sdf - half));
+        let after = softplus::<false>(-s * (sdf + half));
         let floor = if log_epsilon == f32::NEG_INFINITY {
             0.0
         } else {
-            softplus(before + log_epsilon)
+            softplus::<false>(before + log_epsilon)
         };
         (before - after - floor).min(0.0)
     }

@@ -21,7 +21,7 @@ fn log_sum_exp<B: F32Slices>(x: &FloatTensor<B>, [rows, columns]: [usize; 2]) ->
     let sums = values.chunks_exact(columns).map(|row| {
         let largest = row.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         for (out, x) in scratch.iter_mut().zip(row) {
-            *out = elementary::exp_non_positive(x - largest);
+            *out = elementary::exp_non_positive::<false>(x - largest);
         }
         largest + scratch.iter().sum::<f32>().ln()
     });

@@ -106,17 +106,22 @@ pub(crate) fn locate<const HASHED: bool, const SMOOTH: bool>(
 
 /// Asks for the cache line of one corner of one of a block's cells.
 #[inline(always)]
-pub(crate) fn prefetch(table: &[f32], cells: &Cells, corner: usize, point: usize) {
+pub(crate) fn prefetch_corner(table: &[f32], cells: &Cells, corner: usize, point: usize) {
+    let entry = FEATURES * cells.index[corner][point] as usize;
+    prefetch(table.as_ptr().wrapping_add(entry));
+}
+
+/// Asks for the cache line of a value, which need not exist.
+#[inline(always)]
+pub(crate) fn prefetch(at: *const f32) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        let entry = FEATURES * cells.index[corner][point] as usize;
-        let at = table.as_ptr().wrapping_add(entry);
         // SAFETY: a prefetch is a hint; it faults for no address.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) };
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = (table, cells, corner, point);
+    let _ = at;
 }
 
 /// Panics unless every index that [`locate`] can return for `level` lies within `values`.

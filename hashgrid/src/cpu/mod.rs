@@ -26,6 +26,6 @@ mod tile;
 #[cfg(feature = "cube")]
 pub(crate) use cells::check_level;
 pub(crate) use cells::{LANES, PRIMES};
-pub use scatter::{NormalPart, scatter_level, scatter_level_marked};
-pub(crate) use scatter::{Slopes, scatter};
+pub(crate) use scatter::scatter_full;
+pub use scatter::{NormalPart, ScatterRows, scatter_level};
 pub use tile::encode_tile;

@@ -2,7 +2,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::cells::{Cells, LANES, Lane, check_level, locate, prefetch};
+use super::cells::{Cells, LANES, Lane, check_level, locate, prefetch, prefetch_corner};
 use crate::config::Interpolation;
 use crate::layout::{BLOCK_ENTRIES, FEATURES, GridLayout, LevelLayout};
 
@@ -10,67 +10,63 @@ use crate::layout::{BLOCK_ENTRIES, FEATURES, GridLayout, LevelLayout};
 /// `dL/dJ[f, axis] = g[f] · dn[axis]`, which is what a normal `n = Jᵀ g` leaves behind.
 pub type NormalPart<'a> = ([&'a [f32]; 2], [&'a [f32]; 3]);
 
-/// Adds the gradients of all `n` points to one level's entries.
+/// `n` points, any `n`, and what comes back at each, as rows of `n` values.
+#[derive(Clone, Copy, Debug)]
+pub struct ScatterRows<'a> {
+    /// The positions' x, y and z.
+    pub position: [&'a [f32]; 3],
+    /// For each of the level's two features, the loss's derivative by the value.
+    pub d_value: [&'a [f32]; 2],
+    /// `(g, dn)`, what came back through the Jacobian where that has the form
+    /// `dL/dJ[f, axis] = g[f] · dn[axis]`: corner `c` receives `g[f] · (dn · ∇w_c)`.
+    pub normal_part: Option<NormalPart<'a>>,
+    /// How many values behind each of these rows the same row of the next call's points begins;
+    /// 0 if it does not. They are asked for in advance, for they come from memory.
+    pub next: usize,
+}
+
+/// Adds the gradients of all points to one level's entries.
 ///
-/// - `x`, `y`, `z`: the positions, each `[n]`, any `n`.
-/// - `d_value`: for each of the level's two features, the loss's derivative by the value, `[n]`.
-/// - `normal_part`: `(g, dn)`, what came back through the Jacobian where that has the form
-///   `dL/dJ[f, axis] = g[f] · dn[axis]`: corner `c` receives `g[f] · (dn · ∇w_c)`.
 /// - `grad`: the level's entries, `[entries, 2]`, accumulated into.
+/// - `touched`: `touched[b]` becomes 1 when an entry of block `b` (8 entries, counted from the
+///   level's first) receives something.
 ///
 /// Levels are independent: run one task per level. Points are taken in order, so that the sums
 /// have the same bits however many threads there are.
 ///
 /// # Panics
 /// When a slice's length does not fit, or the level does not exist.
-#[allow(clippy::too_many_arguments)]
 pub fn scatter_level(
     layout: &GridLayout,
     level: usize,
-    x: &[f32],
-    y: &[f32],
-    z: &[f32],
-    d_value: [&[f32]; 2],
-    normal_part: Option<NormalPart<'_>>,
+    rows: &ScatterRows<'_>,
     grad: &mut [f32],
+    touched: Option<&mut [u8]>,
 ) {
-    let slopes = match normal_part {
+    let slopes = match rows.normal_part {
         None => Slopes::None,
         Some((scale, normal)) => Slopes::Product { scale, normal },
     };
-    scatter(layout, level, [x, y, z], d_value, slopes, grad, None);
-}
-
-/// [`scatter_level`], which also marks what it touches: `touched[b]` becomes 1 when an entry of
-/// block `b` (8 entries, counted from the level's first) receives something.
-///
-/// # Panics
-/// As [`scatter_level`], and when `touched` does not have one flag for each block.
-#[allow(clippy::too_many_arguments)]
-pub fn scatter_level_marked(
-    layout: &GridLayout,
-    level: usize,
-    x: &[f32],
-    y: &[f32],
-    z: &[f32],
-    d_value: [&[f32]; 2],
-    normal_part: Option<NormalPart<'_>>,
-    grad: &mut [f32],
-    touched: &mut [u8],
-) {
-    let slopes = match normal_part {
-        None => Slopes::None,
-        Some((scale, normal)) => Slopes::Product { scale, normal },
-    };
-    scatter(
+    let (position, d_value) = (rows.position, rows.d_value);
+    check(
         layout,
         level,
-        [x, y, z],
+        position,
         d_value,
         slopes,
         grad,
-        Some(touched),
+        touched.as_deref(),
     );
+    Arch::new().dispatch(Scatter {
+        level: &layout.levels[level],
+        smooth: layout.interpolation == Interpolation::Smoothstep,
+        position,
+        d_value,
+        slopes,
+        next: rows.next,
+        grad,
+        touched,
+    });
 }
 
 /// The loss's derivative by a level's Jacobian.
@@ -87,15 +83,38 @@ pub(crate) enum Slopes<'a> {
     Full([[&'a [f32]; 3]; 2]),
 }
 
-/// All forms of the scatter.
-pub(crate) fn scatter(
+/// [`scatter_level`] with all of the Jacobian's derivative: `d_jacobian[f][axis]`.
+pub(crate) fn scatter_full(
+    layout: &GridLayout,
+    level: usize,
+    position: [&[f32]; 3],
+    d_value: [&[f32]; 2],
+    d_jacobian: [[&[f32]; 3]; 2],
+    grad: &mut [f32],
+) {
+    let slopes = Slopes::Full(d_jacobian);
+    check(layout, level, position, d_value, slopes, grad, None);
+    Arch::new().dispatch(Scatter {
+        level: &layout.levels[level],
+        smooth: layout.interpolation == Interpolation::Smoothstep,
+        position,
+        d_value,
+        slopes,
+        next: 0,
+        grad,
+        touched: None,
+    });
+}
+
+/// Panics unless all lengths fit.
+fn check(
     layout: &GridLayout,
     level: usize,
     position: [&[f32]; 3],
     d_value: [&[f32]; 2],
     slopes: Slopes<'_>,
-    grad: &mut [f32],
-    touched: Option<&mut [u8]>,
+    grad: &[f32],
+    touched: Option<&[u8]>,
 ) {
     let n = position[0].len();
     let level = &layout.levels[level];
@@ -105,7 +124,7 @@ pub(crate) fn scatter(
             assert_eq!(slice.len(), n, "scatter_level: length of {what}");
         }
     };
-    same("x, y and z", &position);
+    same("position", &position);
     same("d_value", &d_value);
     match &slopes {
         Slopes::None => {}
@@ -115,32 +134,24 @@ pub(crate) fn scatter(
         }
         Slopes::Full(rows) => rows.iter().for_each(|rows| same("d_jacobian", rows)),
     }
-    if let Some(touched) = &touched {
+    if let Some(touched) = touched {
         assert_eq!(
             touched.len(),
             level.entries / BLOCK_ENTRIES,
             "scatter_level: length of touched"
         );
     }
-    let smooth = layout.interpolation == Interpolation::Smoothstep;
-    Arch::new().dispatch(Scatter {
-        level,
-        smooth,
-        position,
-        d_value,
-        slopes,
-        grad,
-        touched,
-    });
 }
 
-/// [`scatter`]'s arguments, as pulp wants a function with generic body to be written.
+/// The scatter's arguments, as pulp wants a function with generic body to be written.
 pub(super) struct Scatter<'a> {
     pub(super) level: &'a LevelLayout,
     pub(super) smooth: bool,
     pub(super) position: [&'a [f32]; 3],
     pub(super) d_value: [&'a [f32]; 2],
     pub(super) slopes: Slopes<'a>,
+    /// As in [`ScatterRows`].
+    pub(super) next: usize,
     pub(super) grad: &'a mut [f32],
     pub(super) touched: Option<&'a mut [u8]>,
 }
@@ -166,6 +177,26 @@ impl Scatter<'_> {
         let count = LANES.min(self.position[0].len() - start);
         let [x, y, z] = take_all(&self.position, start, count);
         locate::<HASHED, SMOOTH>(self.level, &x, &y, &z)
+    }
+
+    /// Asks for the cache lines of the next call's rows from `start` on.
+    #[inline(always)]
+    fn ask_for_next(&self, start: usize) {
+        let at = |row: &[f32]| prefetch(row.as_ptr().wrapping_add(self.next + start));
+        for row in self.position {
+            at(row);
+        }
+        for row in self.d_value {
+            at(row);
+        }
+        if let Slopes::Product { scale, normal } = self.slopes {
+            for row in scale {
+                at(row);
+            }
+            for row in normal {
+                at(row);
+            }
+        }
     }
 
     #[inline(always)]
@@ -201,6 +232,9 @@ impl Scatter<'_> {
                     full_gradients(cells, &d_value, &slopes)
                 }
             };
+            if self.next > 0 {
+                self.ask_for_next(start);
+            }
             let touched = self.touched.as_deref_mut();
             add(self.grad, touched, cells, &rows, count, &ring[1 - which]);
             start += LANES;
@@ -228,7 +262,7 @@ fn add(
     }
     for i in 0..count {
         for c in 0..8 {
-            prefetch(grad, following, c, i);
+            prefetch_corner(grad, following, c, i);
         }
         for c in 0..8 {
             let entry = cells.index[c][i] as usize;

@@ -2,7 +2,7 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::cells::{Cells, LANES, Lane, check_level, locate, prefetch};
+use super::cells::{Cells, LANES, Lane, check_level, locate, prefetch_corner};
 use crate::config::Interpolation;
 use crate::layout::{FEATURES, GridLayout, LevelLayout};
 
@@ -226,7 +226,7 @@ fn gather(table: &[f32], cells: &Cells, ahead: &[f32], following: &Cells) -> [[L
     #[cfg(target_arch = "x86_64")]
     for c in 0..8 {
         for i in 0..LANES {
-            prefetch(ahead, following, c, i);
+            prefetch_corner(ahead, following, c, i);
         }
         for i in (0..LANES).step_by(4) {
             use std::arch::x86_64::{
@@ -255,7 +255,7 @@ fn gather(table: &[f32], cells: &Cells, ahead: &[f32], following: &Cells) -> [[L
     #[cfg(not(target_arch = "x86_64"))]
     for c in 0..8 {
         for i in 0..LANES {
-            prefetch(ahead, following, c, i);
+            prefetch_corner(ahead, following, c, i);
             // SAFETY: as above; the compiler merges the two loads.
             let pair = unsafe { *entry(c, i).cast::<[f32; 2]>() };
             corners[0][c][i] = pair[0];

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::EncodeConfig;
-use crate::cpu::{LANES, Slopes, encode_tile, scatter};
+use crate::cpu::{LANES, ScatterRows, encode_tile, scatter_full, scatter_level};
 use crate::layout::FEATURES;
 
 /// Points handled by one task at a time.
@@ -146,22 +146,22 @@ pub(super) fn table_gradient(
                 }
             }
             let at = |r: usize| &rows[r * n..(r + 1) * n];
-            let (d_value, slopes) = match form {
-                Form::Value => ([at(0), at(1)], Slopes::None),
-                Form::WithJacobian => (
-                    [at(0), at(4)],
-                    Slopes::Full([[at(1), at(2), at(3)], [at(5), at(6), at(7)]]),
-                ),
-            };
-            scatter(
-                layout,
-                level,
-                [0, 1, 2].map(|a| &position[a][..]),
-                d_value,
-                slopes,
-                out,
-                None,
-            );
+            let position = [0, 1, 2].map(|a| &position[a][..]);
+            match form {
+                Form::Value => {
+                    let rows = ScatterRows {
+                        position,
+                        d_value: [at(0), at(1)],
+                        normal_part: None,
+                        next: 0,
+                    };
+                    scatter_level(layout, level, &rows, out, None);
+                }
+                Form::WithJacobian => {
+                    let d_jacobian = [[at(1), at(2), at(3)], [at(5), at(6), at(7)]];
+                    scatter_full(layout, level, position, [at(0), at(4)], d_jacobian, out);
+                }
+            }
         });
     out
 }

@@ -35,10 +35,10 @@ impl Opacity {
     pub(super) fn new(log: f32, matte: f32) -> Self {
         // The smaller of the two keeps its digits, and the other follows from it.
         let (bare_alpha, bare_survival) = if log > -0.7 {
-            let alpha = -exp_m1_of_small(log);
+            let alpha = -exp_m1_of_small::<false>(log);
             (alpha, 1.0 - alpha)
         } else {
-            let survival = exp_non_positive(log);
+            let survival = exp_non_positive::<false>(log);
             (1.0 - survival, survival)
         };
         let matte = matte.clamp(0.0, 1.0);
@@ -128,10 +128,10 @@ impl Kernel {
         let g_before = if self.log_epsilon == f32::NEG_INFINITY {
             g_log
         } else {
-            g_log * sigmoid(-(softplus(-s * first) + self.log_epsilon))
+            g_log * sigmoid::<false>(-(softplus::<false>(-s * first) + self.log_epsilon))
         };
-        let g_u = -g_before * sigmoid(-s * first);
-        let g_v = g_log * sigmoid(-s * last);
+        let g_u = -g_before * sigmoid::<false>(-s * first);
+        let g_v = g_log * sigmoid::<false>(-s * last);
         let g_half = s * (g_v - g_u);
         Chain {
             sdf: s * (g_u + g_v),

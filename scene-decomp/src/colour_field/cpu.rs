@@ -270,9 +270,7 @@ impl WithSimd for ForwardTile<'_> {
         second.forward(simd, h1, h2);
         relu(h2);
         third.forward(simd, h2, out);
-        for value in out.iter_mut() {
-            *value = activation::sigmoid(*value);
-        }
+        activation::sigmoid(simd, out);
         tile_to_rows(rows, self.output.columns(outputs), self.out);
     }
 }

@@ -8,7 +8,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use tensor_slices::{Scratch, Stopwatch};
 
-use super::forward::{Saved, Working, saved_rows};
+use super::forward::{Places, Saved, Tile, Working};
 use super::weights::Weights;
 use crate::sdf_field::Normal;
 use crate::sdf_field::backward::DenseTable;
@@ -31,20 +31,14 @@ pub(crate) struct Gradients {
     pub(crate) b2: Vec<f32>,
 }
 
-/// Rows of one tile handed from the MLP's backward to the scatter:
-/// unit positions, dL/dn in unit coordinates, dL/dh and g.
-fn scatter_rows(features: usize) -> usize {
-    6 + 2 * features
-}
-
 /// Gradients for `grad [n, 1 + G + 3]`.
 pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> Gradients {
     let _lap = BACKWARD.lap();
     let weights = &saved.weights;
     let columns = weights.columns();
-    let tiles = saved.points.div_ceil(POINTS);
-    let saved_len = saved_rows(weights, saved.config.normal) * POINTS;
-    let scatter_len = scatter_rows(weights.inputs - 3) * POINTS;
+    let tiles = saved.places.points.div_ceil(POINTS);
+    let saved_len = saved.kind.len();
+    let scatter_len = saved.kind.len_of_places();
     let mut scatter = Scratch::new(tiles * scatter_len);
 
     let tiles_per_job = tiles.div_ceil(JOBS).max(1);
@@ -93,68 +87,73 @@ pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> 
         row[..weights.inputs].copy_from_slice(active);
     }
     Gradients {
-        table: scatter_table(saved, scatter, dense_table),
         w1,
         b1: first.bias,
         w2: second.weight,
         b2: second.bias,
+        table: scatter_table(saved, scatter, dense_table),
     }
 }
 
 /// Hits for each block of a level from which on blocks are not marked one by one: few would be left out.
 const OFTEN: usize = 2;
 
-/// What comes back to the table: for each tile the rows of [`scatter_rows`].
+/// What comes back to the table.
 struct TableGradient {
     layout: Arc<GridLayout>,
-    normal: Normal,
-    points: usize,
-    /// Features of the grid.
-    features: usize,
+    places: Arc<Places>,
+    /// Beside each tile of `places` `[3 + features, POINTS]`: dL/dn in unit coordinates, and dL/dh.
     tiles: Scratch,
 }
 
 impl TableGradient {
     /// Adds one level's share: every tile's points in order, so without atomics.
     fn add(&self, level: usize, grad: &mut [f32], mut touched: Option<&mut [u8]>) {
-        let features = self.features;
+        let Places {
+            points,
+            kind,
+            tiles: ref places,
+        } = *self.places;
         if let Some(flags) = touched.as_deref_mut()
-            && 8 * self.points >= OFTEN * flags.len()
+            && 8 * points >= OFTEN * flags.len()
         {
             flags.fill(1);
             touched = None;
         }
-        for (t, tile) in self
-            .tiles
-            .chunks_exact(scatter_rows(features) * POINTS)
-            .enumerate()
-        {
-            let count = POINTS.min(self.points - t * POINTS);
-            let row = |r: usize| &tile[r * POINTS..r * POINTS + count];
-            let d_value = [row(6 + 2 * level), row(7 + 2 * level)];
-            let normal_part = (self.normal == Normal::Computed).then(|| {
-                (
-                    [row(6 + features + 2 * level), row(7 + features + 2 * level)],
-                    [row(3), row(4), row(5)],
-                )
-            });
-            let (layout, x, y, z) = (&self.layout, row(0), row(1), row(2));
-            match touched.as_deref_mut() {
-                Some(touched) => grid::scatter_level_marked(
-                    layout,
-                    level,
-                    x,
-                    y,
-                    z,
-                    d_value,
-                    normal_part,
-                    grad,
-                    touched,
-                ),
-                None => grid::scatter_level(layout, level, x, y, z, d_value, normal_part, grad),
-            }
+        let next = kind.len_of_places();
+        let tiles = places.chunks_exact(next).zip(self.tiles.chunks_exact(next));
+        for (t, (place, back)) in tiles.enumerate() {
+            let count = POINTS.min(points - t * POINTS);
+            // The first feature's row, after three of positions or normals.
+            let first = 3 + 2 * level;
+            let rows = grid::ScatterRows {
+                position: [
+                    row(place, 0, count),
+                    row(place, 1, count),
+                    row(place, 2, count),
+                ],
+                d_value: [row(back, first, count), row(back, first + 1, count)],
+                normal_part: (kind.normal == Normal::Computed).then(|| {
+                    (
+                        [row(place, first, count), row(place, first + 1, count)],
+                        [
+                            row(back, 0, count),
+                            row(back, 1, count),
+                            row(back, 2, count),
+                        ],
+                    )
+                }),
+                next,
+            };
+            grid::scatter_level(&self.layout, level, &rows, grad, touched.as_deref_mut());
         }
     }
+}
+
+/// The first `count` values of a row.
+#[inline(always)]
+fn row(rows: &[f32], row: usize, count: usize) -> &[f32] {
+    &rows[row * POINTS..row * POINTS + count]
 }
 
 /// The table's gradient: in `config.sparse` once the step asks for it, or now as a dense tensor.
@@ -162,9 +161,7 @@ fn scatter_table(saved: &Saved, scatter: Scratch, dense: DenseTable) -> Option<V
     let active = saved.config.active_levels;
     let gradient = TableGradient {
         layout: Arc::clone(&saved.config.layout),
-        normal: saved.config.normal,
-        points: saved.points,
-        features: saved.weights.inputs - 3,
+        places: Arc::clone(&saved.places),
         tiles: scatter,
     };
     if let Some(sparse) = &saved.config.sparse {
@@ -253,20 +250,17 @@ impl WithSimd for BackwardJob<'_> {
         let tiles = self
             .grad
             .chunks(weights.columns() * POINTS)
-            .zip(
-                self.saved_tiles
-                    .chunks_exact(saved_rows(weights, self.saved.config.normal) * POINTS),
-            )
+            .zip(self.saved_tiles.chunks_exact(self.saved.kind.len()))
             .zip(
                 self.scatter
-                    .chunks_exact_mut(scatter_rows(weights.inputs - 3) * POINTS),
+                    .chunks_exact_mut(self.saved.kind.len_of_places()),
             );
         for ((grad, tile), scatter) in tiles {
             backward_tile(
                 simd,
                 self.saved,
                 grad,
-                tile,
+                self.saved.kind.rows(tile),
                 scatter,
                 self.partials,
                 self.working,
@@ -289,17 +283,14 @@ fn backward_tile<S: Simd>(
     simd: S,
     saved: &Saved,
     grad: &[f32],
-    tile: &[f32],
+    tile: Tile<'_>,
     scatter: &mut [f32],
     partials: &mut Partials,
     working: &mut BackwardWorking,
 ) {
     let weights = &saved.weights;
-    let features = weights.inputs - 3;
     let beta = saved.config.beta;
     let scale = 0.5 / saved.config.half_side;
-    let (unit, rest) = tile.split_at(3 * POINTS);
-    let (input, jacobian) = rest.split_at(weights.inputs * POINTS);
     let BackwardWorking {
         forward,
         grad: grad_tile,
@@ -308,28 +299,18 @@ fn backward_tile<S: Simd>(
         dz,
     } = working;
     rows_to_tile_padded(grad, weights.columns(), grad_tile);
-    forward.hidden(simd, weights, beta, input);
+    forward.hidden(simd, weights, beta, tile.input);
     let (d_out, d_normal) = grad_tile.split_at(weights.outputs * POINTS);
 
-    scatter[..3 * POINTS].copy_from_slice(unit);
-    let (head, tail) = scatter.split_at_mut(6 * POINTS);
-    let dn_unit = &mut head[3 * POINTS..];
-    let (d_h, g_h) = tail.split_at_mut(features * POINTS);
+    let (dn_unit, d_h) = scatter.split_at_mut(3 * POINTS);
     if saved.config.normal == Normal::Computed {
-        Working::slope_of_input(
-            simd,
-            weights,
-            &forward.slope,
-            &mut forward.u,
-            &mut forward.g,
-        );
-        g_h.copy_from_slice(&forward.g[3 * POINTS..]);
+        forward.slope_of_hidden(weights);
         for (unit, dn) in dn_unit.iter_mut().zip(d_normal) {
             *unit = scale * dn;
         }
         dg[..3 * POINTS].copy_from_slice(d_normal);
         for (k, dg) in dg[3 * POINTS..].chunks_exact_mut(POINTS).enumerate() {
-            let j = &jacobian[3 * k * POINTS..3 * (k + 1) * POINTS];
+            let j = &tile.jacobian[3 * k * POINTS..3 * (k + 1) * POINTS];
             for p in 0..POINTS {
                 dg[p] = j[p] * dn_unit[p]
                     + j[POINTS + p] * dn_unit[POINTS + p]
@@ -367,7 +348,7 @@ fn backward_tile<S: Simd>(
     }
     layer::outer(simd, d_out, &forward.a, &mut partials.second.weight);
     partials.second.add_bias(d_out);
-    layer::outer(simd, dz, input, &mut partials.first.weight);
+    layer::outer(simd, dz, tile.input, &mut partials.first.weight);
     partials.first.add_bias(dz);
     layer::forward(
         simd,

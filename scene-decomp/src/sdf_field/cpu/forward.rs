@@ -1,5 +1,7 @@
 //! Forward: tiles of points in parallel.
 
+use std::sync::Arc;
+
 use hashgrid::{GridLayout, cpu as grid};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
@@ -22,25 +24,71 @@ pub static EVALUATION: Stopwatch = Stopwatch::new();
 /// Time spent in forward passes that a backward follows.
 pub static FORWARD: Stopwatch = Stopwatch::new();
 
-/// What backward needs: per tile the positions in the grid, the MLP's input and the Jacobian.
+/// What backward needs.
 #[derive(Debug)]
 #[allow(unreachable_pub)] // an associated type of a public backend must be public
 pub struct Saved {
     pub(super) config: SdfFieldConfig,
     pub(super) weights: Weights,
     pub(super) table_len: usize,
+    pub(super) kind: TileKind,
+    /// One [`Tile`] after the other.
+    pub(super) tiles: Scratch,
+    /// Shared with the table's gradient, which is added up after backward has returned.
+    pub(super) places: Arc<Places>,
+}
+
+/// Where the table's gradient goes to, tile by tile.
+#[derive(Debug)]
+pub(super) struct Places {
     pub(super) points: usize,
-    /// Per tile `[3 + inputs + 6 * active, POINTS]`: unit positions, input, Jacobian of h.
+    pub(super) kind: TileKind,
+    /// For each tile `[3 + features, POINTS]`: positions in the grid, in `[0, 1]`, and the sdf's derivative
+    /// by the features, for the normal.
     pub(super) tiles: Scratch,
 }
 
-/// Rows of one tile in [`Saved`].
-pub(super) fn saved_rows(weights: &Weights, normal: Normal) -> usize {
-    let jacobian = match normal {
-        Normal::Computed => 3 * (weights.inputs - 3),
-        Normal::Zero => 0,
-    };
-    3 + weights.inputs + jacobian
+/// What a tile consists of.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TileKind {
+    /// Inputs of the MLP.
+    pub(super) inputs: usize,
+    pub(super) normal: Normal,
+}
+
+/// A tile's rows, each of [`POINTS`] values.
+pub(super) struct Tile<'a> {
+    /// The MLP's input.
+    pub(super) input: &'a [f32],
+    /// Of h by the unit positions: 3 for each feature; none without normals.
+    pub(super) jacobian: &'a [f32],
+}
+
+impl TileKind {
+    /// Features of the grid.
+    pub(super) fn features(self) -> usize {
+        self.inputs - 3
+    }
+
+    /// Values of a tile.
+    pub(super) fn len(self) -> usize {
+        let jacobian = match self.normal {
+            Normal::Computed => 3 * self.features(),
+            Normal::Zero => 0,
+        };
+        (self.inputs + jacobian) * POINTS
+    }
+
+    #[inline(always)]
+    pub(super) fn rows(self, tile: &[f32]) -> Tile<'_> {
+        let (input, jacobian) = tile.split_at(self.inputs * POINTS);
+        Tile { input, jacobian }
+    }
+
+    /// Values of a tile of [`Places`], and of what backward leaves beside it for the table.
+    pub(super) fn len_of_places(self) -> usize {
+        (3 + self.features()) * POINTS
+    }
 }
 
 /// Sdf, feature and normal of `points [n, 3]`: `[n, 1 + G + 3]`.
@@ -60,7 +108,11 @@ pub(crate) fn forward(
     let layout = &config.active_layout();
     let table = &table[..2 * layout.entries()];
     let mut out = vec![0.0; n * weights.columns()];
-    let tile_len = saved_rows(&weights, config.normal) * POINTS;
+    let kind = TileKind {
+        inputs: weights.inputs,
+        normal: config.normal,
+    };
+    let tile_len = kind.len();
     match keep {
         Keep::Nothing => {
             let columns = weights.columns();
@@ -86,15 +138,18 @@ pub(crate) fn forward(
         }
         Keep::ForBackward => {
             // Lanes past the last point enter sums with a zero weight and must be finite: they repeat it.
-            let mut tiles = Scratch::new(n.div_ceil(POINTS) * tile_len);
+            let tile_count = n.div_ceil(POINTS);
+            let mut tiles = Scratch::new(tile_count * tile_len);
+            let mut places = Scratch::new(tile_count * kind.len_of_places());
             let columns = weights.columns();
             points
                 .par_chunks(3 * POINTS)
                 .zip(out.par_chunks_mut(columns * POINTS))
                 .zip(tiles.par_chunks_mut(tile_len))
+                .zip(places.par_chunks_mut(kind.len_of_places()))
                 .for_each_init(
                     || (Scratch::new(tile_len), Working::new(&weights)),
-                    |(tile, working), ((points, out), saved)| {
+                    |(tile, working), (((points, out), saved), places)| {
                         Arch::new().dispatch(ForwardTile {
                             points,
                             table,
@@ -108,14 +163,24 @@ pub(crate) fn forward(
                         // Row by row in its place, it would fetch lines of cache only to overwrite
                         // them, beside those that the encoding waits for.
                         saved.copy_from_slice(tile);
+                        let (unit, g) = places.split_at_mut(3 * POINTS);
+                        unit.copy_from_slice(&working.unit);
+                        if kind.normal == Normal::Computed {
+                            g.copy_from_slice(&working.g[3 * POINTS..]);
+                        }
                     },
                 );
             let saved = Saved {
                 config: config.clone(),
                 weights,
                 table_len,
-                points: n,
+                kind,
                 tiles,
+                places: Arc::new(Places {
+                    points: n,
+                    kind,
+                    tiles: places,
+                }),
             };
             (out, Some(saved))
         }
@@ -124,11 +189,14 @@ pub(crate) fn forward(
 
 /// One tile's intermediate rows: each is written before it is read.
 pub(super) struct Working {
+    /// Positions in the grid, in `[0, 1]`.
+    unit: Scratch,
     z: Scratch,
     pub(super) a: Scratch,
     pub(super) slope: Scratch,
     pub(super) u: Scratch,
-    pub(super) g: Scratch,
+    /// The sdf's derivative by the input.
+    g: Scratch,
     pub(super) out: Scratch,
 }
 
@@ -136,6 +204,7 @@ impl Working {
     pub(super) fn new(weights: &Weights) -> Self {
         let rows = |count: usize| Scratch::new(count * POINTS);
         Self {
+            unit: rows(3),
             z: rows(weights.hidden),
             a: rows(weights.hidden),
             slope: rows(weights.hidden),
@@ -149,28 +218,22 @@ impl Working {
     #[inline(always)]
     pub(super) fn hidden<S: Simd>(&mut self, simd: S, weights: &Weights, beta: f32, input: &[f32]) {
         layer::forward(simd, &weights.w1, Some(&weights.b1), input, &mut self.z);
-        activation::softplus(beta, &self.z, &mut self.a, &mut self.slope);
+        activation::softplus(simd, beta, &self.z, &mut self.a, &mut self.slope);
     }
 
-    /// `u = w2 * slope` and `g = W1^T u`, the sdf's derivative by the input.
+    /// `u = w2 * slope`, the sdf's derivative by `z`.
     #[inline(always)]
-    pub(super) fn slope_of_input<S: Simd>(
-        simd: S,
-        weights: &Weights,
-        slope: &[f32],
-        u: &mut [f32],
-        g: &mut [f32],
-    ) {
-        for ((u, slope), &w) in u
+    pub(super) fn slope_of_hidden(&mut self, weights: &Weights) {
+        for ((u, slope), &w) in self
+            .u
             .chunks_exact_mut(POINTS)
-            .zip(slope.chunks_exact(POINTS))
+            .zip(self.slope.chunks_exact(POINTS))
             .zip(&weights.w2)
         {
             for (u, slope) in u.iter_mut().zip(slope) {
                 *u = w * slope;
             }
         }
-        layer::forward(simd, &weights.w1_transposed, None, u, g);
     }
 }
 
@@ -214,36 +277,34 @@ impl WithSimd for ForwardTile<'_> {
             working,
             ..
         } = self;
-        let (unit, rest) = self.tile.split_at_mut(3 * POINTS);
-        let (input, jacobian) = rest.split_at_mut(weights.inputs * POINTS);
+        let (input, jacobian) = self.tile.split_at_mut(weights.inputs * POINTS);
         rows_to_tile(self.points, 3, &mut input[..3 * POINTS]);
         let scale = 0.5 / config.half_side;
-        for (unit, p) in unit.iter_mut().zip(&input[..3 * POINTS]) {
+        for (unit, p) in working.unit.iter_mut().zip(&input[..3 * POINTS]) {
             *unit = p * scale + 0.5;
         }
         let wanted = (config.normal == Normal::Computed).then_some(&mut *jacobian);
         encode(
             self.layout,
             self.table,
-            unit,
+            &working.unit,
             &mut input[3 * POINTS..],
             wanted,
         );
         working.hidden(simd, weights, config.beta, input);
 
+        let wants_normal = config.normal == Normal::Computed;
+        if wants_normal {
+            working.slope_of_hidden(weights);
+            let Working { u, g, .. } = &mut *working;
+            layer::forward(simd, &weights.w1_transposed, None, u, g);
+        }
         let (values, normal) = working.out.split_at_mut(weights.outputs * POINTS);
         layer::forward(simd, &weights.w2, Some(&weights.b2), &working.a, values);
-        if config.normal == Normal::Zero {
-            normal.fill(0.0);
-        } else {
-            Working::slope_of_input(
-                simd,
-                weights,
-                &working.slope,
-                &mut working.u,
-                &mut working.g,
-            );
+        if wants_normal {
             normal_of_tile(&working.g, jacobian, scale, normal);
+        } else {
+            normal.fill(0.0);
         }
         tile_to_rows(&working.out, weights.columns(), self.out);
     }
