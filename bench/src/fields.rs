@@ -3,6 +3,10 @@
 //! A kernel can be no faster than its arithmetic at the peak of the multiply-add units, nor than its
 //! memory traffic at full bandwidth; the larger of the two times over the time it took is the share
 //! reported. [`Cost`] counts what the mathematics asks for, not what a kernel happens to do.
+//!
+//! A table's gradient is added up level by level, in a buffer that stays in the caches. Its lines do not
+//! count as traffic of the memory; they have a ceiling of their own, the rate at which a core adds to such
+//! a buffer in no order.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -32,6 +36,8 @@ pub(crate) struct Cost {
     pub(crate) bytes: f64,
     /// Those of them that are cache lines in no order.
     pub(crate) scattered: f64,
+    /// Lines of a level's gradient that are added to, in no order.
+    pub(crate) added: f64,
 }
 
 /// One op in one direction.
@@ -47,9 +53,11 @@ pub(crate) struct OpFigures {
     pub(crate) arithmetic_ms: f64,
     /// The time of its traffic at full bandwidth.
     pub(crate) traffic_ms: f64,
+    /// The time of what it adds to a level's gradient, at the rate for such a buffer.
+    pub(crate) added_ms: f64,
     /// The same where cache lines in no order come as fast as this machine fetches such lines.
     pub(crate) scattered_traffic_ms: f64,
-    /// The larger of arithmetic and traffic over `ms`.
+    /// The largest of arithmetic, traffic and additions over `ms`.
     pub(crate) roofline_share: f64,
 }
 
@@ -125,6 +133,7 @@ impl OpSizes {
                 + 6.0 * features,
             bytes: self.table_bytes() + VALUE * (3.0 + outputs + 3.0),
             scattered: self.table_bytes(),
+            added: 0.0,
         }
     }
 
@@ -145,9 +154,9 @@ impl OpSizes {
                 // Through the output layer and back to the features.
                 + 2.0 * hidden * (outputs + features)
                 + 10.0 * hidden,
-            // Lines are read and written.
-            bytes: 2.0 * self.table_bytes() + VALUE * (outputs + 3.0),
-            scattered: 2.0 * self.table_bytes(),
+            bytes: VALUE * (outputs + 3.0),
+            scattered: 0.0,
+            added: self.table_bytes(),
         }
     }
 
@@ -160,6 +169,7 @@ impl OpSizes {
             flops: 2.0 * self.colour_layers() + 2.0 * self.hidden + SIGMOID * self.colours,
             bytes: VALUE * (self.colour_inputs + self.colours),
             scattered: 0.0,
+            added: 0.0,
         }
     }
 
@@ -169,6 +179,7 @@ impl OpSizes {
             flops: 4.0 * self.colour_layers() + 2.0 * self.hidden + 3.0 * self.colours,
             bytes: VALUE * (self.colour_inputs + self.outputs + 3.0 + self.colours),
             scattered: 0.0,
+            added: 0.0,
         }
     }
 }
@@ -257,16 +268,17 @@ fn figures(
     peaks: &Peaks,
 ) -> OpFigures {
     let (gflops, gbs) = peaks.of(one_core);
-    let lines_gbs = if one_core {
-        peaks.lines_gbs_one_core
+    let (lines_gbs, added_gbs) = if one_core {
+        (peaks.lines_gbs_one_core, peaks.added_lines_gbs_one_core)
     } else {
-        peaks.lines_gbs
+        (peaks.lines_gbs, peaks.added_lines_gbs)
     };
     times.sort();
     let seconds = times[times.len() / 2].as_secs_f64();
     let (flops, bytes) = (cost.flops * POINTS as f64, cost.bytes * POINTS as f64);
     let scattered = cost.scattered * POINTS as f64;
     let (arithmetic, traffic) = (flops / gflops * 1e-9, bytes / gbs * 1e-9);
+    let added = cost.added * POINTS as f64 / added_gbs * 1e-9;
     let scattered_traffic = (scattered / lines_gbs + (bytes - scattered) / gbs) * 1e-9;
     OpFigures {
         name,
@@ -278,7 +290,8 @@ fn figures(
         arithmetic_ms: arithmetic * 1e3,
         traffic_ms: traffic * 1e3,
         scattered_traffic_ms: scattered_traffic * 1e3,
-        roofline_share: arithmetic.max(traffic) / seconds,
+        added_ms: added * 1e3,
+        roofline_share: arithmetic.max(traffic).max(added) / seconds,
     }
 }
 

@@ -14,6 +14,8 @@ const ROUNDS: usize = 200_000;
 const VALUES: usize = 16 << 20;
 /// Values of a cache line.
 const LINE: usize = 16;
+/// Values of a level's gradient: 2^19 entries of two features.
+const LEVEL_VALUES: usize = 2 << 19;
 /// Lines of one measurement.
 const LINES: usize = 1 << 21;
 /// The best of so many measurements counts: what disturbs a measurement makes it slower.
@@ -39,6 +41,11 @@ pub(crate) struct Peaks {
     pub(crate) lines_gbs_one_core: f64,
     /// The same on all cores at once.
     pub(crate) lines_gbs: f64,
+    /// Cache lines of a buffer as large as a hashed level's gradient, added to in no order; in 10^9 bytes a
+    /// second, a line counting once. Such a buffer stays in the caches.
+    pub(crate) added_lines_gbs_one_core: f64,
+    /// The same on all cores at once, each with a buffer of its own.
+    pub(crate) added_lines_gbs: f64,
 }
 
 impl Peaks {
@@ -56,6 +63,8 @@ impl Peaks {
             triad_gbs,
             lines_gbs_one_core: memory.lines(1),
             lines_gbs: memory.lines(threads),
+            added_lines_gbs_one_core: added_lines(1),
+            added_lines_gbs: added_lines(threads),
         }
     }
 
@@ -165,19 +174,60 @@ impl Memory {
     }
 }
 
-/// Sums one value of so many lines of `values`; which ones a generator says. The next few are asked for
-/// while some are read, as an encoder does.
-fn sum_of_lines(values: &[f32], mut state: u32) -> f32 {
-    const GROUP: usize = 32;
-    let lines = (values.len() / LINE) as u64;
-    let mut sum = 0.0;
-    let mut group = [0; GROUP];
-    for _ in 0..LINES / GROUP {
-        let mut following = [0; GROUP];
-        for at in &mut following {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            *at = LINE * ((u64::from(state) * lines) >> 32) as usize;
+/// GB/s of cache lines of a level's gradient added to at random on so many cores.
+fn added_lines(threads: usize) -> f64 {
+    let mut buffers = vec![vec![0.0; LEVEL_VALUES]; threads];
+    best_of(|| {
+        let begun = Instant::now();
+        std::thread::scope(|scope| {
+            for (seed, buffer) in buffers.iter_mut().enumerate() {
+                scope.spawn(move || add_to_lines(black_box(buffer), seed as u32));
+            }
+        });
+        let bytes = threads * LINES * LINE * size_of::<f32>();
+        bytes as f64 / begun.elapsed().as_secs_f64() * 1e-9
+    })
+}
+
+/// Lines taken at once; the next ones are asked for while these are used, as the field ops do.
+const GROUP: usize = 32;
+
+/// Which lines come next, by a generator.
+struct RandomLines {
+    state: u32,
+    lines: u64,
+}
+
+impl RandomLines {
+    fn of(values: &[f32], seed: u32) -> Self {
+        Self {
+            state: seed,
+            lines: (values.len() / LINE) as u64,
         }
+    }
+
+    /// The first values of the next lines.
+    #[inline(always)]
+    fn group(&mut self) -> [usize; GROUP] {
+        let mut group = [0; GROUP];
+        for at in &mut group {
+            self.state = self
+                .state
+                .wrapping_mul(1_664_525)
+                .wrapping_add(1_013_904_223);
+            *at = LINE * ((u64::from(self.state) * self.lines) >> 32) as usize;
+        }
+        group
+    }
+}
+
+/// Sums one value of so many lines of `values`.
+fn sum_of_lines(values: &[f32], seed: u32) -> f32 {
+    let mut random = RandomLines::of(values, seed);
+    let mut sum = 0.0;
+    let mut group = random.group();
+    for _ in 0..LINES / GROUP {
+        let following = random.group();
         for (at, following) in group.into_iter().zip(following) {
             prefetch(&values[following]);
             sum += values[at];
@@ -185,6 +235,20 @@ fn sum_of_lines(values: &[f32], mut state: u32) -> f32 {
         group = following;
     }
     sum
+}
+
+/// Adds to one value of so many lines of `values`.
+fn add_to_lines(values: &mut [f32], seed: u32) {
+    let mut random = RandomLines::of(values, seed);
+    let mut group = random.group();
+    for _ in 0..LINES / GROUP {
+        let following = random.group();
+        for (at, following) in group.into_iter().zip(following) {
+            prefetch(&values[following]);
+            values[at] += 1.0;
+        }
+        group = following;
+    }
 }
 
 fn prefetch(value: &f32) {

@@ -68,7 +68,8 @@ impl Prediction {
         let sum = |of: fn(&Cost) -> f64| 2.0 * samples as f64 * ops.iter().map(of).sum::<f64>();
         let values = (layout.entries() * grid.features) as f64;
         let gflop = 1e-9 * sum(|cost| cost.flops);
-        let ops_gb = 1e-9 * sum(|cost| cost.bytes);
+        // On such a device lines of a gradient are read and written where they are.
+        let ops_gb = 1e-9 * sum(|cost| cost.bytes + 2.0 * cost.added);
         let optimiser_gb = 1e-9 * 2.0 * values * OPTIMISER_VALUES * VALUE;
         let arithmetic_ms = 1e3 * gflop / rates.gflops;
         let traffic_ms = 1e3 * (ops_gb + optimiser_gb) / rates.gbs;

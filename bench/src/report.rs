@@ -76,7 +76,7 @@ fn sdf_share(ops: &[OpFigures], one_core: bool, traffic: impl Fn(&OpFigures) -> 
     let of_sdf = |op: &&OpFigures| op.name.starts_with("sdf") && op.one_core == one_core;
     let (mut least, mut taken) = (0.0, 0.0);
     for op in ops.iter().filter(of_sdf) {
-        least += op.arithmetic_ms.max(traffic(op));
+        least += op.arithmetic_ms.max(op.added_ms).max(traffic(op));
         taken += op.ms;
     }
     if taken > 0.0 { least / taken } else { 0.0 }
@@ -120,6 +120,11 @@ impl fmt::Display for Report {
             "    random lines  {:7.1} / {:7.1} GB/s",
             p.lines_gbs_one_core, p.lines_gbs
         )?;
+        writeln!(
+            f,
+            "    added lines   {:7.1} / {:7.1} GB/s",
+            p.added_lines_gbs_one_core, p.added_lines_gbs
+        )?;
         for one_core in [true, false] {
             let cores = if one_core {
                 "one core".to_owned()
@@ -132,14 +137,15 @@ impl fmt::Display for Report {
             for op in ops() {
                 writeln!(
                     f,
-                    "    {:<24} {:7.2} ms {:6.1} GFLOP/s {:5.1} GB/s; at the peaks {:5.2} and \
-                     {:5.2} ms: {:4.1} %",
+                    "    {:<24} {:7.2} ms {:6.1} GFLOP/s {:5.1} GB/s; at the peaks {:5.2}, {:5.2} \
+                     and {:5.2} ms: {:4.1} %",
                     op.name,
                     op.ms,
                     op.gflops,
                     op.gbs,
                     op.arithmetic_ms,
                     op.traffic_ms,
+                    op.added_ms,
                     100.0 * op.roofline_share
                 )?;
             }
