@@ -162,7 +162,7 @@ fn search_scene(
             let everything = silhouette(view, &frame, &map, STRIDE);
             outline(view, &everything, STRIDE, 0.0, 1, &config.prepare)
         })
-        .collect::<Result<_, _>>()?;
+        .collect();
     let trust = ViewTrust(vec![0.0; views.len()]);
     Ok(Prepared {
         given_masks: vec![None; views.len()],

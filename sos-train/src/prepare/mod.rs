@@ -8,6 +8,7 @@ pub mod locate;
 pub mod mask_shift;
 pub mod outline;
 pub mod pixels;
+pub mod runs;
 pub mod spans;
 pub mod view;
 pub mod votes;
@@ -170,7 +171,7 @@ pub fn prepare_with(
         frame.centre.z,
         2.0 * frame.half_side
     ));
-    let outlines = outlines(&views, &frame, &map, &trust, config, ignore_band)?;
+    let outlines = outlines(&views, &frame, &map, &trust, config, ignore_band);
     let points = points
         .iter()
         .map(|point| frame.normalised_from_world(point.position))
@@ -193,7 +194,7 @@ impl Prepared {
     /// positive, and has the masks vote on space and label the pixels anew. The box stays.
     ///
     /// # Errors
-    /// [`PrepareError::Store`] when there is no room for masks and labels; all stays as it was.
+    /// [`PrepareError::Store`] when there is no room for the masks; all stays as it was.
     pub fn shift_masks(
         &mut self,
         shifts: &[f32],
@@ -221,7 +222,7 @@ impl Prepared {
         let (frame, trust) = (&self.frame, &self.trust);
         let votes = vote_grid(&views, frame, MAP_RESOLUTION, trust);
         let map = ProbabilityMap::new(MAP_RESOLUTION, votes);
-        self.outlines = outlines(&views, frame, &map, trust, config, ignore_band)?;
+        self.outlines = outlines(&views, frame, &map, trust, config, ignore_band);
         (self.views, self.map) = (views, map);
         Ok(())
     }
@@ -240,7 +241,7 @@ fn outlines(
     trust: &ViewTrust,
     config: &PrepareConfig,
     ignore_band: f32,
-) -> Result<Vec<Outline>, PrepareError> {
+) -> Vec<Outline> {
     const STRIDE: u32 = 2;
     views
         .iter()

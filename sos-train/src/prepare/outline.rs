@@ -6,15 +6,15 @@ use neus_render::intersect::{Aabb, ray_box};
 use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
-use super::error::PrepareError;
 use super::frame::Frame;
-use super::pixels::{Mask, PixelBytes};
+use super::pixels::Mask;
+use super::runs::ByteRuns;
 use super::spans::PixelSpans;
 use super::view::TrainView;
 use super::votes::ViewTrust;
 use crate::config::PrepareConfig;
 
-/// What a pixel is taken for. One byte per pixel.
+/// What a pixel is taken for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Label {
@@ -60,7 +60,7 @@ pub struct Outline {
     width: u32,
     /// Whether the view has a mask that is believed.
     masked: bool,
-    labels: PixelBytes,
+    labels: ByteRuns,
     /// Pixels whose ray meets space that may hold the object.
     pub candidates: PixelSpans,
 }
@@ -75,13 +75,13 @@ impl Outline {
     /// The label of a pixel.
     #[must_use]
     pub fn label(&self, x: u32, y: u32) -> Label {
-        Label::from_byte(self.labels[(y * self.width + x) as usize])
+        Label::from_byte(self.labels.get(y * self.width + x))
     }
 
     /// What the view's own mask says at a pixel; `None` without a mask that is believed.
     #[must_use]
     pub fn vote(&self, x: u32, y: u32) -> Option<Vote> {
-        let byte = self.labels[(y * self.width + x) as usize];
+        let byte = self.labels.get(y * self.width + x);
         (self.masked && byte != IGNORED).then(|| match Label::from_byte(byte) {
             Label::Unknown => Vote {
                 object: byte == UNKNOWN_OBJECT,
@@ -207,9 +207,7 @@ pub fn trust_masks(
 }
 
 /// Labels of one view. `band` is half the width of the distrusted band along the own mask's edge.
-///
-/// # Errors
-/// [`PrepareError::Store`] when there is no room for them.
+#[must_use]
 pub fn outline(
     view: &TrainView,
     silhouette: &GrayImage,
@@ -217,7 +215,7 @@ pub fn outline(
     trust: f32,
     band: u32,
     config: &PrepareConfig,
-) -> Result<Outline, PrepareError> {
+) -> Outline {
     let (width, height) = (view.width(), view.height());
     let mask = view.mask.as_ref().filter(|_| trust >= 0.5);
     let edge = mask.map(|mask| near_edge(mask, band));
@@ -261,12 +259,12 @@ pub fn outline(
             };
         }
     }
-    Ok(Outline {
+    Outline {
         width,
         masked: mask.is_some(),
-        labels: view.store.keep(labels)?,
+        labels: ByteRuns::of(&labels),
         candidates,
-    })
+    }
 }
 
 /// Value in `[0, 1]` at a position in pixels, between pixel centres.

@@ -1,4 +1,4 @@
-//! Pixels of photos, masks and labels: in memory, or in files that the system pages in and out.
+//! Pixels of photos and masks: in memory, or in files that the system pages in and out.
 //!
 //! A step looks at some hundred pixels of all views, wherever they are. Pictures that would fill the
 //! memory lie in files without a name instead, mapped into the address space: what is looked at often
