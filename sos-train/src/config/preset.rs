@@ -122,6 +122,7 @@ fn default() -> TrainConfig {
         export: ExportConfig {
             edge_rays: 8,
             mesh_resolution: 256,
+            fill_unseen: true,
             preview_every: 500,
             checkpoint_every: 1000,
         },
@@ -153,6 +154,7 @@ fn quick() -> TrainConfig {
         export: ExportConfig {
             edge_rays: 4,
             mesh_resolution: 160,
+            fill_unseen: true,
             preview_every: 250,
             checkpoint_every: 500,
         },
@@ -221,6 +223,7 @@ fn paper() -> TrainConfig {
         export: ExportConfig {
             edge_rays: 16,
             mesh_resolution: 512,
+            fill_unseen: false,
             preview_every: 1000,
             checkpoint_every: 5000,
         },

@@ -270,6 +270,8 @@ pub struct ExportConfig {
     pub edge_rays: u32,
     /// Cells along the longest side of the box when the mesh is cut.
     pub mesh_resolution: u32,
+    /// Where no view saw what the object hid, plates are filled in from around.
+    pub fill_unseen: bool,
     /// Steps between two previews; 0 for none.
     pub preview_every: u32,
     /// Steps between two checkpoints; 0 for one at the end only.

@@ -3,6 +3,7 @@
 use glam::{Vec2, Vec3};
 use neus_render::rays::Ray;
 
+use super::fill::fill;
 use super::rays::{FrozenScene, RenderedRay};
 use super::survey::Survey;
 use crate::export::ViewRender;
@@ -111,6 +112,9 @@ pub fn render_view(
                 .world_from_normalised(rays[k].at(hit.object_distance));
             out.depth[i] = view.camera_from_world.transform_point(point).z as f32;
         }
+    }
+    if scene.config.export.fill_unseen {
+        fill(&mut out.background, |i| out.seen[i] > 0, width as usize);
     }
     out
 }
