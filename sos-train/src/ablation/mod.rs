@@ -124,7 +124,11 @@ pub const DECISIONS: [Row; 19] = [
     choice("half", "m^P: half of the votes", &["model.majority=half"]),
     choice("together", "no carving", &["schedule.carve=0"]),
     choice("surface", "BaCo is a surface", &["model.background=sdf"]),
-    choice("inside", "no loss outside masks", &["loss.background=0"]),
+    choice(
+        "outside",
+        "BaCo alone outside masks",
+        &["loss.background=1"],
+    ),
     choice("no-points", "no sparse points", &["loss.points=0"]),
     choice("smooth", "smoothstep", &["model.interpolation=smoothstep"]),
     choice("curvature", "curvature", &["loss.curvature=0.03"]),

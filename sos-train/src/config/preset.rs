@@ -81,7 +81,7 @@ fn default() -> TrainConfig {
             hidden: 0.05,
             points: 0.1,
             curvature: 0.0,
-            background: 1.0,
+            background: 0.0,
             // As in Semantic-NeRF.
             semantic: 0.04,
         },
@@ -195,6 +195,7 @@ fn paper() -> TrainConfig {
             far: 0.0,
             hidden: 0.0,
             points: 0.0,
+            background: 1.0,
             mask_trusted: 0.0,
             mask_hold: 0.05,
             mask_end: 0.15,

@@ -16,9 +16,10 @@ const FAR: f32 = 0.18;
 /// The same for an outline that is exact, to a pixel or so.
 const EXACT: f32 = 0.05;
 /// Shares of the outline's tiles that are exact, from which a mask is trusted at all, and fully: where
-/// most of an outline is rough, a tile that happens to agree is no better.
-const SELDOM: f32 = 0.22;
-const OFTEN: f32 = 0.36;
+/// most of an outline is rough, a tile that happens to agree is no better. Of rough masks' tiles three in ten
+/// do (docs/decisions.md).
+const SELDOM: f32 = 0.3;
+const OFTEN: f32 = 0.4;
 /// Rays below which nothing is known about a tile.
 const LEAST_RAYS: f32 = 6.0;
 /// A tile holds outline where this share of it at least is object, and likewise not.

@@ -182,7 +182,7 @@ pub fn loss(
         }
     };
 
-    if config.model.fields == Fields::Both {
+    if config.model.fields == Fields::Both && weights.background > 0.0 {
         let outside = batch
             .labels
             .iter()
