@@ -36,7 +36,7 @@ pub(crate) struct Cost {
     pub(crate) bytes: f64,
     /// Those of them that are cache lines in no order.
     pub(crate) scattered: f64,
-    /// Lines of a level's gradient that are added to, in no order.
+    /// Of the lines of a level's gradient that are added to, in no order.
     pub(crate) added: f64,
 }
 
@@ -53,10 +53,10 @@ pub(crate) struct OpFigures {
     pub(crate) arithmetic_ms: f64,
     /// The time of its traffic at full bandwidth.
     pub(crate) traffic_ms: f64,
-    /// The time of what it adds to a level's gradient, at the rate for such a buffer.
-    pub(crate) added_ms: f64,
     /// The same where cache lines in no order come as fast as this machine fetches such lines.
     pub(crate) scattered_traffic_ms: f64,
+    /// The time of what it adds to a level's gradient, at the rate for such a buffer.
+    pub(crate) added_ms: f64,
     /// The largest of arithmetic, traffic and additions over `ms`.
     pub(crate) roofline_share: f64,
 }
@@ -72,8 +72,8 @@ pub(crate) struct OpSizes {
     colours: f64,
 }
 
-/// Operations of softplus and its slope: exp 16, log 15, the rest 9.
-const SOFTPLUS: f64 = 40.0;
+/// Operations of softplus and its slope: exp 20, log 19, the rest 9.
+const SOFTPLUS: f64 = 48.0;
 /// Of a sigmoid.
 const SIGMOID: f64 = 20.0;
 /// Bytes of a value, and of a cache line.

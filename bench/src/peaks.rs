@@ -192,16 +192,16 @@ fn added_lines(threads: usize) -> f64 {
 /// Lines taken at once; the next ones are asked for while these are used, as the field ops do.
 const GROUP: usize = 32;
 
-/// Which lines come next, by a generator.
+/// Which lines come next.
 struct RandomLines {
-    state: u32,
+    count: u64,
     lines: u64,
 }
 
 impl RandomLines {
     fn of(values: &[f32], seed: u32) -> Self {
         Self {
-            state: seed,
+            count: u64::from(seed) << 32,
             lines: (values.len() / LINE) as u64,
         }
     }
@@ -211,11 +211,11 @@ impl RandomLines {
     fn group(&mut self) -> [usize; GROUP] {
         let mut group = [0; GROUP];
         for at in &mut group {
-            self.state = self
-                .state
-                .wrapping_mul(1_664_525)
-                .wrapping_add(1_013_904_223);
-            *at = LINE * ((u64::from(self.state) * self.lines) >> 32) as usize;
+            // A hash of a counter: one does not wait for the one before.
+            self.count += 1;
+            let mixed = self.count.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            let mixed = (mixed ^ (mixed >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            *at = LINE * (((mixed >> 32) * self.lines) >> 32) as usize;
         }
         group
     }

@@ -106,7 +106,7 @@ impl Case {
             position: [x, y, z],
             d_value: [d; 2],
             normal_part: normal.then_some(([d; 2], [d; 3])),
-            next: 0,
+            prefetch_offset: 0,
         }
     }
 }

@@ -377,7 +377,7 @@ mod tests {
                     position: [&x; 3],
                     d_value: [&d; 2],
                     normal_part: None,
-                    next: 0,
+                    prefetch_offset: 0,
                 };
                 crate::cpu::scatter_level(layout, l, &rows, grad, touched);
             };

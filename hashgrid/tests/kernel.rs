@@ -226,7 +226,7 @@ fn poison_neither_leaves_the_table_nor_stops_the_scatter() {
             position: [&x, &y, &z],
             d_value: [&ones; 2],
             normal_part: Some(([&ones; 2], [&ones; 3])),
-            next: 0,
+            prefetch_offset: 0,
         };
         cpu::scatter_level(&layout, l, &rows, &mut grad, None);
         assert!(grad.iter().all(|value| value.is_finite()));
@@ -271,11 +271,14 @@ fn the_scatter_is_the_transpose_of_the_encoding() {
                     position: [&x, &y, &z],
                     d_value: [d0, d1],
                     normal_part: Some(([g0, g1], [nx, ny, nz])),
-                    next: 0,
+                    prefetch_offset: 0,
                 };
                 cpu::scatter_level(&layout, l, &rows, &mut grad, None);
                 // Rows that are asked for and not there do nothing.
-                let rows = cpu::ScatterRows { next: 128, ..rows };
+                let rows = cpu::ScatterRows {
+                    prefetch_offset: 128,
+                    ..rows
+                };
                 cpu::scatter_level(&layout, l, &rows, &mut marked, Some(&mut touched));
                 assert_eq!(grad, marked);
                 for (block, touched) in grad.chunks_exact(16).zip(&touched) {

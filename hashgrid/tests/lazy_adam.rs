@@ -124,7 +124,7 @@ fn passes_that_wait_are_the_same_step() {
                             position: [&x, &y, &z],
                             d_value: [&d; 2],
                             normal_part: None,
-                            next: 0,
+                            prefetch_offset: 0,
                         };
                         cpu::scatter_level(&inner, l, &rows, grad, Some(touched));
                     };

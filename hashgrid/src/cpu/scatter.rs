@@ -20,9 +20,9 @@ pub struct ScatterRows<'a> {
     /// `(g, dn)`, what came back through the Jacobian where that has the form
     /// `dL/dJ[f, axis] = g[f] · dn[axis]`: corner `c` receives `g[f] · (dn · ∇w_c)`.
     pub normal_part: Option<NormalPart<'a>>,
-    /// How many values behind each of these rows the same row of the next call's points begins;
-    /// 0 if it does not. They are asked for in advance, for they come from memory.
-    pub next: usize,
+    /// Distance in values from each of these rows to the same row of the next call, which is asked for
+    /// in advance, for it comes from memory. Only a hint; 0: none.
+    pub prefetch_offset: usize,
 }
 
 /// Adds the gradients of all points to one level's entries.
@@ -63,7 +63,7 @@ pub fn scatter_level(
         position,
         d_value,
         slopes,
-        next: rows.next,
+        prefetch_offset: rows.prefetch_offset,
         grad,
         touched,
     });
@@ -100,7 +100,7 @@ pub(crate) fn scatter_full(
         position,
         d_value,
         slopes,
-        next: 0,
+        prefetch_offset: 0,
         grad,
         touched: None,
     });
@@ -151,7 +151,7 @@ pub(super) struct Scatter<'a> {
     pub(super) d_value: [&'a [f32]; 2],
     pub(super) slopes: Slopes<'a>,
     /// As in [`ScatterRows`].
-    pub(super) next: usize,
+    pub(super) prefetch_offset: usize,
     pub(super) grad: &'a mut [f32],
     pub(super) touched: Option<&'a mut [u8]>,
 }
@@ -182,7 +182,7 @@ impl Scatter<'_> {
     /// Asks for the cache lines of the next call's rows from `start` on.
     #[inline(always)]
     fn ask_for_next(&self, start: usize) {
-        let at = |row: &[f32]| prefetch(row.as_ptr().wrapping_add(self.next + start));
+        let at = |row: &[f32]| prefetch(row.as_ptr().wrapping_add(self.prefetch_offset + start));
         for row in self.position {
             at(row);
         }
@@ -232,7 +232,7 @@ impl Scatter<'_> {
                     full_gradients(cells, &d_value, &slopes)
                 }
             };
-            if self.next > 0 {
+            if self.prefetch_offset > 0 {
                 self.ask_for_next(start);
             }
             let touched = self.touched.as_deref_mut();

@@ -74,7 +74,7 @@ fn the_widest_instructions_give_the_scalar_bits() {
                         position: [&x, &y, &z],
                         d_value: [&rows[0], &rows[1]],
                         slopes,
-                        next: 0,
+                        prefetch_offset: 0,
                         grad: &mut grad,
                         touched: None,
                     };

@@ -153,7 +153,7 @@ pub(super) fn table_gradient(
                         position,
                         d_value: [at(0), at(1)],
                         normal_part: None,
-                        next: 0,
+                        prefetch_offset: 0,
                     };
                     scatter_level(layout, level, &rows, out, None);
                 }

@@ -82,6 +82,16 @@ mod tests {
     }
 
     #[test]
+    fn poison_does_not_become_a_number() {
+        let (mut value, mut slope) = ([0.0; 3], [0.0; 3]);
+        let poison = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
+        softplus_of::<true>(100.0, &poison, &mut value, &mut slope);
+        assert!(value[0].is_nan());
+        assert_eq!((value[1], slope[1]), (f32::INFINITY, 1.0));
+        assert_eq!((value[2], slope[2]), (0.0, 0.0));
+    }
+
+    #[test]
     fn softplus_is_right_with_and_without_fused_products() {
         softplus_agrees_with_f64::<false>();
         softplus_agrees_with_f64::<true>();

@@ -115,7 +115,7 @@ impl MaskConsensus {
 /// model's sparse points.
 ///
 /// # Errors
-/// When masks or cameras do not determine a box, or there is no room for labels.
+/// When masks or cameras do not determine a box.
 pub fn prepare(
     views: Vec<TrainView>,
     points: &[SparsePoint],
@@ -135,7 +135,7 @@ pub fn prepare(
 /// As [`prepare`], with what the views' masks say, which is known already; `None` where there are none.
 ///
 /// # Errors
-/// When there are no masks, and cameras do not determine a box, or there is no room for labels.
+/// When there are no masks, and cameras do not determine a box.
 pub fn prepare_with(
     views: Vec<TrainView>,
     consensus: Option<MaskConsensus>,

@@ -85,24 +85,25 @@ pub fn render_view(
         alpha,
     };
     let normals = object_normals(scene, &rays, &rendered);
+    // What stands behind the object, before the photo's share along the seam is mixed in.
+    let mut behind = vec![[0.0; 3]; pixels];
     let all = data.views.len().min(255) as u8;
     for i in 0..pixels {
         let photo = photo_colour(view.photo.as_raw(), i);
         let k = hits[i] as usize;
         if hits[i] == NO_RAY {
             out.foreground[i] = photo.to_array();
-            out.background[i] = photo.to_array();
+            behind[i] = photo.to_array();
             out.seen[i] = all;
             continue;
         }
         let hit = &rendered[k];
         let share = if ignored(i as u32) { 1.0 } else { reach[i] };
-        let plate = photo.lerp(hit.background, share);
-        out.background[i] = plate.to_array();
-        out.seen[i] = if share > 0.0 {
-            survey.seen(data, &rays[k], hit.background_distance, hit.background)
+        (behind[i], out.seen[i]) = if share > 0.0 {
+            let seen = survey.seen(data, &rays[k], hit.background_distance, hit.background);
+            (hit.background.to_array(), seen)
         } else {
-            all
+            (photo.to_array(), all)
         };
         out.foreground[i] = decontaminated(photo, hit, out.alpha[i]).to_array();
         if hit.object_distance > 0.0 && out.alpha[i] > 0.05 {
@@ -114,7 +115,12 @@ pub fn render_view(
         }
     }
     if scene.config.export.fill_unseen {
-        fill(&mut out.background, |i| out.seen[i] > 0, width as usize);
+        fill(&mut behind, |i| out.seen[i] > 0, width as usize);
+    }
+    for (i, (plate, behind)) in out.background.iter_mut().zip(behind).enumerate() {
+        let photo = photo_colour(view.photo.as_raw(), i);
+        let share = if ignored(i as u32) { 1.0 } else { reach[i] };
+        *plate = photo.lerp(behind.into(), share).to_array();
     }
     out
 }

@@ -87,7 +87,10 @@ fn gather_chunk(
     let marched = marcher.march(rays, rules.grids, &march, rules.partition);
     // Where the background is asked for by itself, it has to be complete behind the object too.
     let both_alone = config.model.blend == Blend::Ray || config.model.alpha == AlphaSource::Head;
-    let alone = |ray: usize| both_alone || batch.labels[first + ray] == Label::Background;
+    let outside_alone = config.loss.background > 0.0;
+    let alone = |ray: usize| {
+        both_alone || (outside_alone && batch.labels[first + ray] == Label::Background)
+    };
     let look = fields.look(&marched, config, rules.cos_anneal, alone);
     let object_rows = look.object_reached();
     let drawn = match config.model.background {

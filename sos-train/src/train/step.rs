@@ -147,8 +147,6 @@ pub fn loss(
     );
     let photo = constant(&batch.colours, 3, device);
     let joint = pixels.colour;
-    let first = column::BACKGROUND_COLOUR;
-    let alone = pixels.rendered.clone().slice([0..n_rays, first..first + 3]);
     let first = column::OBJECT_OPACITY;
     let opacity = pixels.rendered.clone().slice([0..n_rays, first..first + 1]);
     let matte = pixels.matte.reshape([n_rays]);
@@ -183,6 +181,8 @@ pub fn loss(
     };
 
     if config.model.fields == Fields::Both && weights.background > 0.0 {
+        let first = column::BACKGROUND_COLOUR;
+        let alone = pixels.rendered.clone().slice([0..n_rays, first..first + 3]);
         let outside = batch
             .labels
             .iter()

@@ -120,8 +120,10 @@ impl TableGradient {
             flags.fill(1);
             touched = None;
         }
-        let next = kind.len_of_places();
-        let tiles = places.chunks_exact(next).zip(self.tiles.chunks_exact(next));
+        let tile_len = kind.len_of_places();
+        let tiles = places
+            .chunks_exact(tile_len)
+            .zip(self.tiles.chunks_exact(tile_len));
         for (t, (place, back)) in tiles.enumerate() {
             let count = POINTS.min(points - t * POINTS);
             // The first feature's row, after three of positions or normals.
@@ -143,7 +145,8 @@ impl TableGradient {
                         ],
                     )
                 }),
-                next,
+                // The tiles of both lie one after the other.
+                prefetch_offset: tile_len,
             };
             grid::scatter_level(&self.layout, level, &rows, grad, touched.as_deref_mut());
         }
