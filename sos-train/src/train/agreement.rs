@@ -6,6 +6,10 @@
 //! both: exact along most of the outline, and plainly wrong where a neighbour is included or a part is
 //! lost. So a mask's say late in training follows, tile by tile of the picture, from how far it and
 //! FoCoR's matte agree there.
+//!
+//! A matte that follows a mask comes to agree with it, however wrong the mask is. So every fourth tile is
+//! never followed, another one in each view, and by those alone it is said how exact masks are: exact masks
+//! move the surface to where the others, too, see it end; rough ones do not.
 
 /// Tiles along the longer side of a picture.
 const TILES: u32 = 24;
@@ -18,14 +22,23 @@ const EXACT: f32 = 0.05;
 /// Shares of the outline's tiles that are exact, from which a mask is trusted at all, and fully: where
 /// most of an outline is rough, a tile that happens to agree is no better. Of rough masks' tiles three in ten
 /// do (docs/decisions.md).
-const SELDOM: f32 = 0.3;
-const OFTEN: f32 = 0.4;
+const LEAST_EXACT: f32 = 0.33;
+const MOSTLY_EXACT: f32 = 0.43;
 /// Rays below which nothing is known about a tile.
 const LEAST_RAYS: f32 = 6.0;
 /// A tile holds outline where this share of it at least is object, and likewise not.
 const BOTH: f32 = 0.05;
 /// What older rays count after each update.
 const KEPT: f32 = 0.7;
+
+/// One in so many tiles is not followed.
+const CONTROL: usize = 4;
+
+/// Whether a view's tile only tells how exact masks are.
+fn is_control(view: usize, tile: usize) -> bool {
+    let (x, y) = (tile % TILES as usize, tile / TILES as usize);
+    (x + y + view).is_multiple_of(CONTROL)
+}
 
 /// The tile of a view's pixel, below [`tiles`]: a square grid, of which the shorter side of a picture uses
 /// a part.
@@ -102,18 +115,22 @@ impl Agreement {
 
     /// Draws conclusions from the rays so far, and has them count less from now on.
     pub fn update(&mut self) {
-        let exact: Vec<Option<f32>> = self.tiles.chunks(tiles()).map(exact_share).collect();
-        // No more than the median view: among masks that are rough on the whole, one that happens to
+        let views = || self.tiles.chunks(tiles()).enumerate();
+        // No more than all views together: among masks that are rough on the whole, one that happens to
         // agree better is not more exact.
-        let mut known: Vec<f32> = exact.iter().flatten().copied().collect();
-        known.sort_by(f32::total_cmp);
-        let median = known.get(known.len() / 2).copied().unwrap_or(0.0);
-        for (tiles, exact) in self.tiles.chunks_mut(tiles()).zip(exact) {
-            let view = exact.map_or(0.0, |share| ramp(share.min(median), SELDOM, OFTEN));
-            for tile in tiles {
-                tile.trust = tile
+        let control = views().flat_map(|(view, tiles)| {
+            let tiles = tiles.iter().enumerate();
+            tiles.filter_map(move |(i, tile)| is_control(view, i).then_some(tile))
+        });
+        let all = exact_share(control).unwrap_or(0.0);
+        let exact: Vec<Option<f32>> = views().map(|(_, tiles)| exact_share(tiles)).collect();
+        for (number, (tiles, exact)) in self.tiles.chunks_mut(tiles()).zip(exact).enumerate() {
+            let view = exact.map_or(0.0, |share| ramp(share.min(all), LEAST_EXACT, MOSTLY_EXACT));
+            for (i, tile) in tiles.iter_mut().enumerate() {
+                let trust = tile
                     .difference()
                     .map_or(0.0, |differ| view * ramp(differ, FAR, NEAR));
+                tile.trust = if is_control(number, i) { 0.0 } else { trust };
                 for sum in [
                     &mut tile.rays,
                     &mut tile.mask,
@@ -159,11 +176,11 @@ impl Agreement {
     }
 }
 
-/// Of a view's tiles with outline, the share in which mask and matte agree to a pixel or so; `None`
+/// Of the tiles with outline, the share in which mask and matte agree to a pixel or so; `None`
 /// without any such tile.
-fn exact_share(tiles: &[Tile]) -> Option<f32> {
+fn exact_share<'a>(tiles: impl IntoIterator<Item = &'a Tile>) -> Option<f32> {
     let outline = tiles
-        .iter()
+        .into_iter()
         .filter_map(|tile| Some((tile, tile.difference()?)))
         .filter(|(tile, _)| tile.has_outline());
     let (mut all, mut exact) = (0.0, 0.0);
@@ -212,7 +229,10 @@ mod tests {
         assert_eq!(trust(&agreement, 0, -60, 0), 0.0);
         agreement.update();
         assert_eq!(trust(&agreement, 0, -60, 0), 1.0);
-        assert_eq!(trust(&agreement, 0, 80, 0), 0.0);
+        assert_eq!(trust(&agreement, 0, 80, 10), 0.0);
+        // An exact tile that is not followed.
+        assert_eq!(trust(&agreement, 0, -60, 20), 0.0);
+        assert!(is_control(0, tile_of((240, 240), 60, 140) as usize));
         let back = Agreement::from_values(2, &agreement.values());
         assert_eq!(back, Some(agreement));
         assert_eq!(Agreement::from_values(3, &[0.0; 12]), None);
@@ -225,6 +245,31 @@ mod tests {
         agreement.update();
         for (u, v) in [(-58, 0), (0, 58), (41, 41), (0, 0)] {
             assert_eq!(trust(&agreement, 0, u, v), 0.0, "{u} {v}");
+        }
+    }
+
+    #[test]
+    fn an_outline_that_is_mostly_exact_is_trusted_and_little_of_it_is_chance() {
+        for (exact, expected) in [(8, 0.0), (15, 1.0)] {
+            let mut agreement = Agreement::new(4);
+            for view in 0..4 {
+                // Of twenty sectors so many have the outline where it is, the others six pixels off.
+                look(&mut agreement, view, |u, v| {
+                    let turn = 0.5 + v.atan2(u) / std::f32::consts::TAU;
+                    let sector = (20.0 * turn) as i32;
+                    let off = match (sector < exact, sector % 2) {
+                        (true, _) => 0.0,
+                        (false, 0) => 6.0,
+                        (false, _) => -6.0,
+                    };
+                    u.hypot(v) < 60.0 + off
+                });
+            }
+            agreement.update();
+            // The third sector's middle.
+            let angle = (2.5 / 20.0 - 0.5) * std::f32::consts::TAU;
+            let (u, v) = ((60.0 * angle.cos()) as i32, (60.0 * angle.sin()) as i32);
+            assert_eq!(trust(&agreement, 0, u, v), expected, "{exact} of 20");
         }
     }
 
