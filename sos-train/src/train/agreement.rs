@@ -22,8 +22,8 @@ const EXACT: f32 = 0.05;
 /// Shares of the outline's tiles that are exact, from which a mask is trusted at all, and fully: where
 /// most of an outline is rough, a tile that happens to agree is no better. Of rough masks' tiles three in ten
 /// do (docs/decisions.md).
-const LEAST_EXACT: f32 = 0.33;
-const MOSTLY_EXACT: f32 = 0.43;
+const LEAST_EXACT: f32 = 0.3;
+const MOSTLY_EXACT: f32 = 0.38;
 /// Rays below which nothing is known about a tile.
 const LEAST_RAYS: f32 = 6.0;
 /// A tile holds outline where this share of it at least is object, and likewise not.
