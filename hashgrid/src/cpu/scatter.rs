@@ -48,18 +48,9 @@ pub fn scatter_level(
         Some((scale, normal)) => Slopes::Product { scale, normal },
     };
     let (position, d_value) = (rows.position, rows.d_value);
-    check(
-        layout,
+    scatter(layout, level, |level, smooth| Scatter {
         level,
-        position,
-        d_value,
-        slopes,
-        grad,
-        touched.as_deref(),
-    );
-    Arch::new().dispatch(Scatter {
-        level: &layout.levels[level],
-        smooth: layout.interpolation == Interpolation::Smoothstep,
+        smooth,
         position,
         d_value,
         slopes,
@@ -92,55 +83,28 @@ pub(crate) fn scatter_full(
     d_jacobian: [[&[f32]; 3]; 2],
     grad: &mut [f32],
 ) {
-    let slopes = Slopes::Full(d_jacobian);
-    check(layout, level, position, d_value, slopes, grad, None);
-    Arch::new().dispatch(Scatter {
-        level: &layout.levels[level],
-        smooth: layout.interpolation == Interpolation::Smoothstep,
+    scatter(layout, level, |level, smooth| Scatter {
+        level,
+        smooth,
         position,
         d_value,
-        slopes,
+        slopes: Slopes::Full(d_jacobian),
         prefetch_offset: 0,
         grad,
         touched: None,
     });
 }
 
-/// Panics unless all lengths fit.
-fn check(
-    layout: &GridLayout,
+/// Runs what `with` makes of the level and of whether it is smooth, once its lengths are checked.
+fn scatter<'a>(
+    layout: &'a GridLayout,
     level: usize,
-    position: [&[f32]; 3],
-    d_value: [&[f32]; 2],
-    slopes: Slopes<'_>,
-    grad: &[f32],
-    touched: Option<&[u8]>,
+    with: impl FnOnce(&'a LevelLayout, bool) -> Scatter<'a>,
 ) {
-    let n = position[0].len();
-    let level = &layout.levels[level];
-    check_level(level, grad.len());
-    let same = |what: &str, slices: &[&[f32]]| {
-        for slice in slices {
-            assert_eq!(slice.len(), n, "scatter_level: length of {what}");
-        }
-    };
-    same("position", &position);
-    same("d_value", &d_value);
-    match &slopes {
-        Slopes::None => {}
-        Slopes::Product { scale, normal } => {
-            same("normal_part's g", scale);
-            same("normal_part's dn", normal);
-        }
-        Slopes::Full(rows) => rows.iter().for_each(|rows| same("d_jacobian", rows)),
-    }
-    if let Some(touched) = touched {
-        assert_eq!(
-            touched.len(),
-            level.entries / BLOCK_ENTRIES,
-            "scatter_level: length of touched"
-        );
-    }
+    let smooth = layout.interpolation == Interpolation::Smoothstep;
+    let op = with(&layout.levels[level], smooth);
+    op.check();
+    Arch::new().dispatch(op);
 }
 
 /// The scatter's arguments, as pulp wants a function with generic body to be written.
@@ -171,6 +135,34 @@ impl WithSimd for Scatter<'_> {
 }
 
 impl Scatter<'_> {
+    /// Panics unless all lengths fit.
+    fn check(&self) {
+        let n = self.position[0].len();
+        check_level(self.level, self.grad.len());
+        let same = |what: &str, slices: &[&[f32]]| {
+            for slice in slices {
+                assert_eq!(slice.len(), n, "scatter_level: length of {what}");
+            }
+        };
+        same("position", &self.position);
+        same("d_value", &self.d_value);
+        match &self.slopes {
+            Slopes::None => {}
+            Slopes::Product { scale, normal } => {
+                same("normal_part's g", scale);
+                same("normal_part's dn", normal);
+            }
+            Slopes::Full(rows) => rows.iter().for_each(|rows| same("d_jacobian", rows)),
+        }
+        if let Some(touched) = &self.touched {
+            assert_eq!(
+                touched.len(),
+                self.level.entries / BLOCK_ENTRIES,
+                "scatter_level: length of touched"
+            );
+        }
+    }
+
     /// The cells of up to 16 points from `start` on.
     #[inline(always)]
     fn cells<const HASHED: bool, const SMOOTH: bool>(&self, start: usize) -> Cells {
