@@ -73,7 +73,7 @@ pub use finding::{Finding, Report, Status};
 pub use masks::{Consensus, Masks};
 pub use page::page;
 pub use photo::PhotoMeasures;
-pub use scene::{Exam, ExamView, Ground, Subject};
+pub use scene::{Exam, ExamView, Ground, ObjectMask, Subject};
 
 /// Makes all checks of a scene; `name` is what its user calls it.
 #[must_use]

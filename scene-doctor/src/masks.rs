@@ -2,15 +2,12 @@
 
 use crate::directions::rounded;
 use crate::finding::{Finding, median, percent, some_names};
-use crate::scene::Exam;
-use image::{GrayImage, ImageBuffer, Luma};
-use std::ops::Deref;
+use crate::scene::{Exam, ObjectMask};
+use image::GrayImage;
 
 /// Shares of white below and above which a mask shows nothing.
 const EMPTY: f64 = 5e-4;
 const FULL: f64 = 0.98;
-/// Values from which a pixel is the object's.
-const WHITE: u8 = 128;
 /// The share of the picture's border that the object may touch without leaving it.
 const TOUCHES: f64 = 0.02;
 /// Below this median overlap the masks do not show one rigid thing.
@@ -57,15 +54,16 @@ pub struct Consensus {
 }
 
 /// Shares of white of one mask: everywhere, and along the border.
-fn shares<C: Deref<Target = [u8]>>(mask: &ImageBuffer<Luma<u8>, C>) -> (f64, f64) {
-    let (w, h) = mask.dimensions();
+fn shares(mask: &dyn ObjectMask, (w, h): (u32, u32)) -> (f64, f64) {
     let (mut all, mut border, mut edge) = (0u64, 0u64, 0u64);
-    for (x, y, pixel) in mask.enumerate_pixels() {
-        let white = u64::from(pixel.0[0] >= WHITE);
-        let outer = x == 0 || y == 0 || x + 1 == w || y + 1 == h;
-        all += white;
-        border += white * u64::from(outer);
-        edge += u64::from(outer);
+    for y in 0..h {
+        for x in 0..w {
+            let white = u64::from(mask.is_object(x, y));
+            let outer = x == 0 || y == 0 || x + 1 == w || y + 1 == h;
+            all += white;
+            border += white * u64::from(outer);
+            edge += u64::from(outer);
+        }
     }
     let share = |n: u64, of: u64| n as f64 / of.max(1) as f64;
     (share(all, u64::from(w) * u64::from(h)), share(border, edge))
@@ -90,11 +88,11 @@ pub(crate) fn masks(exam: &Exam, masks: &Masks) -> Finding {
     let (mut areas, mut mostly_border, mut missing) = (Vec::new(), 0, Vec::new());
     for view in &exam.views {
         let name = view.name.to_owned();
-        let Some(mask) = view.mask_picture() else {
+        let Some(mask) = view.mask else {
             missing.push(name);
             continue;
         };
-        let (all, border) = shares(&mask);
+        let (all, border) = shares(mask, view.size());
         areas.push(all);
         if all < EMPTY {
             empty.push(name);
@@ -158,14 +156,14 @@ pub(crate) fn agreement(exam: &Exam, masks: &Masks) -> Option<Finding> {
     };
     let (mut overlaps, mut aside, mut inverted) = (Vec::new(), Vec::new(), Vec::new());
     for (i, view) in exam.views.iter().enumerate() {
-        let Some((mask, silhouette)) = view.mask_picture().zip(consensus.silhouettes.get(i)) else {
+        let Some((mask, silhouette)) = view.mask.zip(consensus.silhouettes.get(i)) else {
             continue;
         };
-        let [own, inverse] = overlap(&mask, silhouette, consensus.limit);
+        let [own, inverse] = overlap(mask, view.size(), silhouette, consensus.limit);
         overlaps.push(own);
         let believed = consensus.trust.get(i).is_none_or(|trust| *trust >= TRUSTED);
         if !believed {
-            let (_, border) = shares(&mask);
+            let (_, border) = shares(mask, view.size());
             if inverse > INVERTED && inverse > 2.0 * own && border > 0.5 {
                 inverted.push(view.name.to_owned());
             }
@@ -211,20 +209,14 @@ pub(crate) fn agreement(exam: &Exam, masks: &Masks) -> Option<Finding> {
 }
 
 /// Intersection over union of a mask, and of its inverse, with what the others agree on.
-fn overlap<C>(mask: &ImageBuffer<Luma<u8>, C>, silhouette: &GrayImage, limit: u8) -> [f64; 2]
-where
-    C: Deref<Target = [u8]>,
-{
+fn overlap(mask: &dyn ObjectMask, size: (u32, u32), silhouette: &GrayImage, limit: u8) -> [f64; 2] {
     let (w, h) = silhouette.dimensions();
     let mut counts = [[0u32; 2]; 2];
     for (x, y, value) in silhouette.enumerate_pixels() {
         let at = |v: u32, n: u32, size: u32| {
             (((f64::from(v) + 0.5) / f64::from(n) * f64::from(size)) as u32).min(size - 1)
         };
-        let own = mask
-            .get_pixel(at(x, w, mask.width()), at(y, h, mask.height()))
-            .0[0]
-            >= WHITE;
+        let own = mask.is_object(at(x, w, size.0), at(y, h, size.1));
         counts[usize::from(own)][usize::from(value.0[0] >= limit)] += 1;
     }
     let [[neither, others], [own, both]] = counts.map(|pair| pair.map(f64::from));
@@ -237,6 +229,8 @@ where
 
 #[cfg(test)]
 mod tests {
+    use image::Luma;
+
     use super::*;
 
     fn square(low: u32, high: u32) -> GrayImage {
@@ -249,20 +243,23 @@ mod tests {
     #[test]
     fn overlap_knows_inverted_masks() {
         let silhouette = image::imageops::thumbnail(&square(8, 32), 10, 10);
-        let [own, inverse] = overlap(&square(8, 32), &silhouette, 128);
+        let [own, inverse] = overlap(&square(8, 32), (40, 40), &silhouette, 128);
         assert!(own > 0.99 && inverse < 0.01, "{own} {inverse}");
         let mut other = square(8, 32);
         other.iter_mut().for_each(|v| *v = 255 - *v);
-        let [own, inverse] = overlap(&other, &silhouette, 128);
+        let [own, inverse] = overlap(&other, (40, 40), &silhouette, 128);
         assert!(own < 0.01 && inverse > 0.99, "{own} {inverse}");
         let nothing = GrayImage::new(4, 4);
-        assert_eq!(overlap(&GrayImage::new(4, 4), &nothing, 128), [0.0, 0.0]);
+        assert_eq!(
+            overlap(&GrayImage::new(4, 4), (4, 4), &nothing, 128),
+            [0.0, 0.0]
+        );
     }
 
     #[test]
     fn shares_count_the_border_apart() {
-        assert_eq!(shares(&square(0, 40)), (1.0, 1.0));
-        let (all, border) = shares(&square(0, 20));
+        assert_eq!(shares(&square(0, 40), (40, 40)), (1.0, 1.0));
+        let (all, border) = shares(&square(0, 20), (40, 40));
         assert!((all - 0.25).abs() < 1e-9 && (border - 39.0 / 156.0).abs() < 1e-9);
     }
 }

@@ -2,9 +2,23 @@
 
 use crate::photo::PhotoMeasures;
 use glam::{DVec2, DVec3};
-use image::{ImageBuffer, Luma};
+use image::GrayImage;
 use io_colmap::{Camera, Pose, SparsePoint};
 use rayon::prelude::*;
+use std::fmt;
+
+/// A mask of the object, however it is kept.
+pub trait ObjectMask: fmt::Debug + Sync {
+    /// Whether a pixel of the photo is the object's.
+    fn is_object(&self, x: u32, y: u32) -> bool;
+}
+
+/// White is the object.
+impl ObjectMask for GrayImage {
+    fn is_object(&self, x: u32, y: u32) -> bool {
+        self.get_pixel_checked(x, y).is_some_and(|p| p.0[0] >= 128)
+    }
+}
 
 /// One photo with its camera.
 #[derive(Debug, Clone, Copy)]
@@ -19,8 +33,8 @@ pub struct ExamView<'a> {
     pub camera_from_world: Pose,
     /// 8-bit sRGB, row by row, of the camera's size.
     pub photo: &'a [u8],
-    /// 8-bit, white is the object, row by row, of the camera's size.
-    pub mask: Option<&'a [u8]>,
+    /// Of the camera's size, where there is one.
+    pub mask: Option<&'a dyn ObjectMask>,
 }
 
 impl ExamView<'_> {
@@ -30,17 +44,9 @@ impl ExamView<'_> {
         self.camera_from_world.centre()
     }
 
-    /// The mask as a picture; `None` without one.
-    ///
-    /// # Panics
-    /// When it is not of the camera's size.
-    #[must_use]
-    pub fn mask_picture(&self) -> Option<ImageBuffer<Luma<u8>, &[u8]>> {
-        let (width, height) = (self.camera.width, self.camera.height);
-        let mask = self.mask?;
-        let pixels = width as usize * height as usize;
-        assert_eq!(mask.len(), pixels, "{}: bytes of the mask", self.name);
-        ImageBuffer::from_raw(width, height, mask)
+    /// Width and height of the photo in pixels.
+    pub(crate) fn size(&self) -> (u32, u32) {
+        (self.camera.width, self.camera.height)
     }
 
     /// Where a point of the scene is in the photo, in pixels; `None` outside it.

@@ -222,8 +222,8 @@ fn a_checkpoint_after_carving_resumes_to_the_same_bits() {
 fn overlap(found: &Discovery, truth: &demo_scene::DemoScene) -> f64 {
     let overlaps = found.masks.iter().zip(&truth.views).map(|(mask, view)| {
         let (mut both, mut either) = (0, 0);
-        for (mask, alpha) in mask.as_raw().iter().zip(view.alpha.as_raw()) {
-            let (own, true_one) = (*mask >= 128, *alpha >= 128);
+        for (own, alpha) in mask.answers().zip(view.alpha.as_raw()) {
+            let true_one = *alpha >= 128;
             both += u32::from(own && true_one);
             either += u32::from(own || true_one);
         }

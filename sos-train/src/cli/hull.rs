@@ -5,12 +5,11 @@ use super::answer::Voice;
 use crate::config::{MaskPolarity, Preset, TrainConfig};
 use crate::error::InputError;
 use crate::export::check_names;
-use crate::prepare::pixels::copied;
 use crate::prepare::view::load_views;
 use crate::prepare::{outline, prepare};
 use crate::run_folder::{RunError, view_file};
 use image::GrayImage;
-use io_colmap::{MaskSet, Scene};
+use io_colmap::{ColmapError, MaskSet, Scene};
 use rayon::prelude::*;
 use serde_json::json;
 use std::fs;
@@ -79,10 +78,14 @@ pub(super) fn write_masks(
     let scene = Scene::open(scene)?;
     check_names(scene.model.views.iter().map(|view| view.name.as_str()))?;
     let masks = MaskSet::find(masks, &scene, polarity.map(Into::into))?;
-    let views = load_views(&scene, Some(&masks))?;
+    let views = &scene.model.views;
+    let pictures = views.par_iter().enumerate().map(|(i, view)| {
+        let photo = scene.read_photo(view)?;
+        masks.load(i, photo.width(), photo.height())
+    });
+    let pictures = pictures.collect::<Result<Vec<_>, ColmapError>>()?;
     write_mattes(out, views.len(), |index| {
-        let view = &views[index];
-        Some((view.name.as_str(), copied(view.mask.as_ref()?)))
+        Some((views[index].name.as_str(), pictures[index].clone()?))
     })
 }
 

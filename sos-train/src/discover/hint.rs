@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::parts::{PartSet, Parts};
 use super::region;
 use crate::prepare::error::PrepareError;
-use crate::prepare::pixels::Mask;
+use crate::prepare::mask::Mask;
 use crate::prepare::{Frame, Prepared, TrainView};
 use crate::train::carve::depth::DepthPicture;
 
@@ -217,7 +217,7 @@ impl Hint {
                 let depth = &depths[*view];
                 let shown = super::masks::points(photo, &data.frame, depth);
                 let at = shown.map(|(pixel, point)| {
-                    let inside = mask.get_pixel(pixel.x as u32, pixel.y as u32).0[0] >= 128;
+                    let inside = mask.contains(pixel.x as u32, pixel.y as u32);
                     (point, inside)
                 });
                 parts.mostly_covered(at, COVERED).ok_or_else(nothing)
@@ -247,11 +247,9 @@ fn surface_at(data: &Prepared, depths: &[DepthPicture], view: usize, pixel: Vec2
 /// Centre and radius of a mask's white, in pixels.
 fn centroid(mask: &Mask) -> Option<(DVec2, f64)> {
     let (mut sum, mut area) = (DVec2::ZERO, 0.0);
-    for (x, y, value) in mask.enumerate_pixels() {
-        if value.0[0] >= 128 {
-            sum += DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-            area += 1.0;
-        }
+    for (x, y) in mask.pixels() {
+        sum += DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        area += 1.0;
     }
     (area > 0.0).then(|| (sum / area, (area / std::f64::consts::PI).sqrt()))
 }

@@ -22,8 +22,8 @@ use scene_decomp::probability::ProbabilityMap;
 
 use crate::config::{Preset, TrainConfig, Transparency};
 use crate::prepare::error::PrepareError;
+use crate::prepare::mask::Mask;
 use crate::prepare::outline::{outline, silhouette};
-use crate::prepare::pixels::Mask;
 use crate::prepare::votes::ViewTrust;
 use crate::prepare::{Prepared, TrainView};
 use crate::train::Trainer;
@@ -104,7 +104,7 @@ pub fn find_object(
         .zip(&depths)
         .map(|(view, depth)| {
             let mask = masks::project(view, &data.frame, depth, &chosen);
-            view.store.keep_mask(mask)
+            Mask::of_white(&mask, &view.store)
         })
         .collect::<Result<_, _>>()?;
     let notes = vec![format!(

@@ -13,7 +13,7 @@ use crate::prepare::error::PrepareError;
 use crate::prepare::{Frame, MaskConsensus, TrainView};
 use glam::{DVec3, Vec3};
 use io_colmap::{Scene, SparsePoint};
-use scene_doctor::{Consensus, Exam, ExamView, Ground, Subject};
+use scene_doctor::{Consensus, Exam, ExamView, Ground, ObjectMask, Subject};
 
 /// The ground is looked for this far around the object, over its box.
 const SURROUNDINGS: f64 = 1.7;
@@ -89,7 +89,7 @@ impl Location {
                 camera: &view.lens.0,
                 camera_from_world: view.camera_from_world,
                 photo: &view.photo,
-                mask: view.mask.as_deref(),
+                mask: view.mask.as_ref().map(|mask| mask as &dyn ObjectMask),
             })
             .collect();
         Exam::new(

@@ -161,9 +161,8 @@ impl Outline {
     fn of(view: &TrainView) -> Option<Self> {
         let mask = view.mask.as_ref()?;
         let inside: Vec<DVec2> = mask
-            .enumerate_pixels()
-            .filter(|(_, _, value)| value.0[0] >= 128)
-            .map(|(x, y, _)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5))
+            .pixels()
+            .map(|(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5))
             .collect();
         if inside.len() < 16 {
             return None;
@@ -348,7 +347,7 @@ mod tests {
         };
         let mask = |x, y| image::Luma([255 * u8::from(shows_ball(x, y))]);
         let mask = image::GrayImage::from_fn(64, 48, mask);
-        view.with_mask(mask).unwrap()
+        view.with_mask(&mask).unwrap()
     }
 
     #[test]

@@ -1,28 +1,22 @@
 //! Masks whose outline is moved outwards or inwards all around.
 
-use image::{GrayImage, ImageBuffer, Luma};
-use std::ops::Deref;
+use image::GrayImage;
 
+use super::mask::Mask;
 use crate::distance::signed_distance;
 
 /// Distances in pixels from the centre of each pixel to the mask's outline, row-major: positive
 /// outside, cut off at `reach`.
 #[must_use]
-pub fn outline_distance<C>(mask: &ImageBuffer<Luma<u8>, C>, reach: u32) -> Vec<f32>
-where
-    C: Deref<Target = [u8]>,
-{
-    let inside: Vec<bool> = mask.pixels().map(|p| p.0[0] >= 128).collect();
+pub fn outline_distance(mask: &Mask, reach: u32) -> Vec<f32> {
+    let inside: Vec<bool> = mask.answers().collect();
     let shape = [mask.width() as usize, mask.height() as usize];
     signed_distance(&inside, &shape, reach as usize)
 }
 
 /// The mask with its outline `by` pixels farther out; farther in where that is negative.
 #[must_use]
-pub fn shifted<C>(mask: &ImageBuffer<Luma<u8>, C>, by: f32) -> GrayImage
-where
-    C: Deref<Target = [u8]>,
-{
+pub fn shifted(mask: &Mask, by: f32) -> GrayImage {
     let distances = outline_distance(mask, by.abs().ceil() as u32 + 1);
     let values = distances
         .into_iter()
@@ -32,8 +26,17 @@ where
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
+    use image::Luma;
+
     use super::*;
+    use crate::prepare::pixels::PixelStore;
+
+    fn shifted(picture: &GrayImage, by: f32) -> GrayImage {
+        let store = PixelStore::new(&std::env::temp_dir());
+        super::shifted(&Mask::of_white(picture, &store).unwrap(), by)
+    }
 
     fn disc(radius: f32) -> GrayImage {
         GrayImage::from_fn(90, 70, |x, y| {

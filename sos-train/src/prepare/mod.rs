@@ -5,6 +5,7 @@ mod depth_range;
 pub mod error;
 pub mod frame;
 pub mod locate;
+pub mod mask;
 pub mod mask_shift;
 pub mod outline;
 pub mod pixels;
@@ -25,7 +26,7 @@ pub use view::TrainView;
 
 use crate::config::PrepareConfig;
 use error::PrepareError;
-use pixels::Mask;
+use mask::Mask;
 use votes::{ViewTrust, vote_grid};
 
 /// Voxels per axis of m^P.
@@ -213,7 +214,7 @@ impl Prepared {
                 };
                 match given {
                     Some(given) if *shift != 0.0 => {
-                        view.with_mask(mask_shift::shifted(given, *shift))
+                        view.with_mask(&mask_shift::shifted(given, *shift))
                     }
                     _ => Ok(view),
                 }

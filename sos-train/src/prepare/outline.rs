@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::frame::Frame;
-use super::pixels::Mask;
+use super::mask::Mask;
 use super::runs::ByteRuns;
 use super::spans::PixelSpans;
 use super::view::TrainView;
@@ -180,7 +180,7 @@ pub fn trust_masks(
                 if view.ignores(mx, my) {
                     continue;
                 }
-                let own = mask.get_pixel(mx, my).0[0] >= 128;
+                let own = mask.contains(mx, my);
                 let others = value.0[0] >= limit;
                 both += u32::from(own && others);
                 either += u32::from(own || others);
@@ -242,7 +242,7 @@ pub fn outline(
             } else {
                 match mask {
                     Some(_) if edge.as_ref().is_some_and(|edge| edge[i]) => Label::Unknown,
-                    Some(mask) => match (mask.get_pixel(x, y).0[0] >= 128, likely) {
+                    Some(mask) => match (mask.contains(x, y), likely) {
                         (true, true) => Label::Object,
                         (true, false) => Label::DoubtfulObject,
                         (false, true) => Label::DoubtfulBackground,
@@ -252,7 +252,7 @@ pub fn outline(
                     None => Label::Unknown,
                 }
             };
-            let own = mask.is_some_and(|mask| mask.get_pixel(x, y).0[0] >= 128);
+            let own = mask.is_some_and(|mask| mask.contains(x, y));
             labels[i] = match label {
                 Label::Unknown if own => UNKNOWN_OBJECT,
                 label => label as u8,
@@ -288,7 +288,6 @@ fn bilinear(image: &GrayImage, x: f32, y: f32) -> f32 {
 /// Pixels within `band` (in the sense of a square window) of a pixel of the other kind.
 fn near_edge(mask: &Mask, band: u32) -> Vec<bool> {
     let (w, h) = (mask.width() as usize, mask.height() as usize);
-    let inside: Vec<bool> = mask.pixels().map(|p| p.0[0] >= 128).collect();
     let band = band as usize;
     // Counts of object pixels in windows, first along rows, then along columns.
     let window =
@@ -306,7 +305,7 @@ fn near_edge(mask: &Mask, band: u32) -> Vec<bool> {
             }
             sums
         };
-    let ones: Vec<u32> = inside.iter().map(|b| u32::from(*b)).collect();
+    let ones: Vec<u32> = mask.answers().map(u32::from).collect();
     let rows = window(&ones, w, h, &|line, i| line * w + i);
     let sums = window(&rows, h, w, &|line, i| i * w + line);
     (0..w * h)

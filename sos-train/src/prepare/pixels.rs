@@ -4,7 +4,7 @@
 //! memory lie in files without a name instead, mapped into the address space: what is looked at often
 //! stays in the system's page cache, and what it has no room for is read again.
 
-use image::{GrayImage, ImageBuffer, Luma, Rgb, RgbImage};
+use image::{ImageBuffer, Rgb, RgbImage};
 use memmap2::Mmap;
 use std::fmt;
 use std::io::Write as _;
@@ -20,9 +20,6 @@ const IN_MEMORY: u64 = 2 << 30;
 
 /// A photo, 8-bit sRGB.
 pub type Photo = ImageBuffer<Rgb<u8>, PixelBytes>;
-
-/// A mask: white is the object.
-pub type Mask = ImageBuffer<Luma<u8>, PixelBytes>;
 
 /// Bytes, wherever they are. Clones share them.
 #[derive(Clone)]
@@ -148,24 +145,6 @@ impl PixelStore {
         #[allow(clippy::expect_used)] // they are those of the picture
         Ok(Photo::from_raw(width, height, bytes).expect("three bytes for each pixel"))
     }
-
-    /// Puts a mask where it is to be kept.
-    ///
-    /// # Errors
-    /// As [`keep`](Self::keep).
-    pub fn keep_mask(&self, mask: GrayImage) -> Result<Mask, PrepareError> {
-        let (width, height) = mask.dimensions();
-        let bytes = self.keep(mask.into_raw())?;
-        #[allow(clippy::expect_used)] // they are those of the picture
-        Ok(Mask::from_raw(width, height, bytes).expect("a byte for each pixel"))
-    }
-}
-
-/// The mask as a picture of its own, to be changed or handed on.
-#[must_use]
-pub fn copied(mask: &Mask) -> GrayImage {
-    let (width, height) = mask.dimensions();
-    GrayImage::from_raw(width, height, mask.as_raw().to_vec()).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -185,8 +164,6 @@ mod tests {
         assert_eq!(second.get_pixel(6, 4), picture.get_pixel(6, 4));
         assert_eq!(format!("{:?}", second.as_raw()), "105 bytes in a file");
         assert_eq!(second.as_raw().in_memory(), 0);
-        let white = GrayImage::from_fn(7, 5, |x, _| Luma([255 * (x % 2) as u8]));
-        assert_eq!(copied(&store.keep_mask(white.clone()).unwrap()), white);
         // They leave nothing to be tidied up.
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 

@@ -9,7 +9,8 @@ use std::path::Path;
 
 use super::error::PrepareError;
 use super::frame::Frame;
-use super::pixels::{Mask, Photo, PixelStore};
+use super::mask::Mask;
+use super::pixels::{Photo, PixelStore};
 
 /// A lens, as the renderer asks for it.
 #[derive(Clone, Debug)]
@@ -36,9 +37,9 @@ pub struct TrainView {
     pub camera_from_world: Pose,
     /// The photo, 8-bit sRGB.
     pub photo: Photo,
-    /// The rough mask, white is the object, where there is one.
+    /// The rough mask, where there is one.
     pub mask: Option<Mask>,
-    /// Not black where the photo is not to be learned from, where that was said.
+    /// Where the photo is not to be learned from, where that was said.
     pub ignored: Option<Mask>,
     /// Where all of these are kept.
     pub store: PixelStore,
@@ -54,21 +55,21 @@ impl TrainView {
         let (width, height) = (part(self.width()), part(self.height()));
         // A tent as wide as two of the new pixels: what is finer does not come back as a pattern.
         let filter = image::imageops::FilterType::Triangle;
-        let smaller = |mask: &Option<Mask>| {
-            mask.as_ref()
-                .map(|mask| image::imageops::resize(mask, width, height, filter))
-                .map(|mask| self.store.keep_mask(mask))
-                .transpose()
-        };
+        let smaller = |mask: &Mask| image::imageops::resize(&mask.picture(), width, height, filter);
+        let (mask, ignored) = (self.mask.as_ref(), self.ignored.as_ref());
         let photo = image::imageops::resize(&self.photo, width, height, filter);
         Ok(Self {
             name: self.name.clone(),
             lens: Lens(self.lens.0.scaled_to(width, height)),
             camera_from_world: self.camera_from_world,
             photo: self.store.keep_photo(photo)?,
-            mask: smaller(&self.mask)?,
+            mask: mask
+                .map(|mask| Mask::of_white(&smaller(mask), &self.store))
+                .transpose()?,
             // A pixel that holds any of it is out.
-            ignored: smaller(&self.ignored)?,
+            ignored: ignored
+                .map(|mask| Mask::of_not_black(&smaller(mask), &self.store))
+                .transpose()?,
             store: self.store.clone(),
         })
     }
@@ -77,9 +78,9 @@ impl TrainView {
     ///
     /// # Errors
     /// [`PrepareError::Store`] when there is no room for it.
-    pub fn with_mask(self, mask: GrayImage) -> Result<Self, PrepareError> {
+    pub fn with_mask(self, mask: &GrayImage) -> Result<Self, PrepareError> {
         Ok(Self {
-            mask: Some(self.store.keep_mask(mask)?),
+            mask: Some(Mask::of_white(mask, &self.store)?),
             ..self
         })
     }
@@ -87,18 +88,14 @@ impl TrainView {
     /// Whether a pixel of the photo is not to be learned from.
     #[must_use]
     pub fn ignores(&self, x: u32, y: u32) -> bool {
-        let at = self
-            .ignored
-            .as_ref()
-            .and_then(|all| all.get_pixel_checked(x, y));
-        at.is_some_and(|pixel| pixel.0[0] > 0)
+        self.ignored.as_ref().is_some_and(|all| all.contains(x, y))
     }
 
     /// Bytes that take room in memory for good.
     #[must_use]
     pub fn in_memory(&self) -> usize {
         let masks = [&self.mask, &self.ignored].into_iter().flatten();
-        let masks = masks.map(|mask| mask.as_raw().in_memory());
+        let masks = masks.map(Mask::in_memory);
         self.photo.as_raw().in_memory() + masks.sum::<usize>()
     }
 
@@ -190,7 +187,7 @@ pub fn load_views(scene: &Scene, masks: Option<&MaskSet>) -> Result<Vec<TrainVie
                 Some(masks) => masks.load(i, photo.width(), photo.height())?,
                 None => None,
             };
-            let mask = mask.map(|mask| store.keep_mask(mask)).transpose()?;
+            let mask = mask.map(|mask| Mask::of_white(&mask, &store)).transpose()?;
             let camera = camera_of(&scene.model, view)?;
             Ok(TrainView {
                 name: view.name.clone(),
@@ -215,7 +212,7 @@ pub fn load_ignored(views: &mut [TrainView], ignored: &MaskSet) -> Result<(), Pr
         .map(|(i, view)| {
             let ignored = ignored.load(i, view.width(), view.height())?;
             view.ignored = ignored
-                .map(|ignored| view.store.keep_mask(ignored))
+                .map(|ignored| Mask::of_not_black(&ignored, &view.store))
                 .transpose()?;
             Ok(())
         })

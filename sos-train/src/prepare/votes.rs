@@ -59,8 +59,9 @@ impl<'a> Electorate<'a> {
             if view.ignores(pixel.x as u32, pixel.y as u32) {
                 continue;
             }
-            let value = mask.get_pixel(pixel.x as u32, pixel.y as u32).0[0];
-            sum += trust * f32::from(value) / 255.0;
+            if mask.contains(pixel.x as u32, pixel.y as u32) {
+                sum += trust;
+            }
             total += trust;
             seen += 1;
         }

@@ -18,7 +18,6 @@ use crate::export::{LogRecord, TrainLog, read_log, write_found_mask, write_mesh,
 use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::live::{LiveView, Wish, attend};
 use crate::prepare::error::PrepareError;
-use crate::prepare::pixels::copied;
 use crate::prepare::view::{all_downscaled, load_ignored, load_views};
 use crate::prepare::{MaskConsensus, Prepared, TrainView, prepare, prepare_with};
 use crate::progress::{Progress, ProgressState};
@@ -236,7 +235,7 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
     }
     for (view, mask) in views.iter_mut().zip(discovery.masks) {
         let mask = view.mask.get_or_insert(mask);
-        write_found_mask(&job.run, &view.name, &copied(mask))?;
+        write_found_mask(&job.run, &view.name, &mask.picture())?;
     }
     Ok(Some(MaskedViews {
         views,

@@ -94,7 +94,7 @@ impl Sampler {
                     view.photo.get_pixel(x, y).0,
                     outline.label(x, y),
                     outline.vote(x, y),
-                    view.mask.as_ref().map(|m| m.get_pixel(x, y).0[0] >= 128),
+                    view.mask.as_ref().map(|m| m.contains(x, y)),
                 ))
             })
             .collect();

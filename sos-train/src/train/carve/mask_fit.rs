@@ -147,10 +147,7 @@ fn shifts(views: Vec<Vec<f32>>, sizes: &[f32]) -> Option<Vec<f32>> {
 
 /// The root of the mask's area, in pixels.
 fn size(view: &TrainView) -> f32 {
-    let area = view
-        .mask
-        .as_ref()
-        .map_or(0, |mask| mask.pixels().filter(|p| p.0[0] >= 128).count());
+    let area = view.mask.as_ref().map_or(0, |mask| mask.pixels().count());
     (area as f32).sqrt()
 }
 
