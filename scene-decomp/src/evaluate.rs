@@ -110,6 +110,31 @@ impl FrozenSurface {
         self
     }
 
+    /// A copy on another device, which later training does not reach either.
+    #[must_use]
+    pub fn to_device(self, device: &Device) -> Self {
+        let (sdf, colour) = (self.sdf, self.colour);
+        Self {
+            sdf: SdfFieldWeights {
+                table: sdf.table.to_device(device),
+                w1: sdf.w1.to_device(device),
+                b1: sdf.b1.to_device(device),
+                w2: sdf.w2.to_device(device),
+                b2: sdf.b2.to_device(device),
+            },
+            colour: ColourFieldWeights {
+                w1: colour.w1.to_device(device),
+                b1: colour.b1.to_device(device),
+                w2: colour.w2.to_device(device),
+                b2: colour.b2.to_device(device),
+                w3: colour.w3.to_device(device),
+                b3: colour.b3.to_device(device),
+            },
+            device: device.clone(),
+            ..self
+        }
+    }
+
     /// Signed distance, feature and normal of `points: [n, 3]`.
     #[must_use]
     pub fn geometry(&self, points: &[f32]) -> Geometry {

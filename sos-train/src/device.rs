@@ -13,6 +13,8 @@ pub struct ChosenDevice {
     pub name: String,
     /// Bytes that a kernel can bind as one buffer; `None` where memory is the limit.
     pub largest_binding: Option<u64>,
+    /// Whether it is the CPU by kernels of its own, not a GPU or what poses as one.
+    pub is_cpu: bool,
 }
 
 /// The device of a name of the command line, one of [`DEVICES`](crate::config::DEVICES).
@@ -67,6 +69,7 @@ fn cpu(backend: &str, device: Device) -> ChosenDevice {
         device,
         name: format!("{backend} on {} threads", rayon::current_num_threads()),
         largest_binding: None,
+        is_cpu: true,
     }
 }
 
@@ -89,6 +92,7 @@ fn cuda() -> Option<ChosenDevice> {
         name: format!("{} (CUDA)", name_of(&device)),
         device,
         largest_binding: None,
+        is_cpu: false,
     })
 }
 
@@ -136,6 +140,7 @@ fn gpu(software: Software) -> Option<ChosenDevice> {
                 device: adapter.device()?,
                 name: format!("{} ({}, {})", adapter.name, adapter.kind, adapter.api),
                 largest_binding: Some(adapter.largest_binding),
+                is_cpu: false,
             })
         })
 }

@@ -199,6 +199,7 @@ impl Trainer {
         self.mask_shifts = numbers.mask_shifts;
         self.mask_shifts.resize(views, 0.0);
         self.rate_scale = numbers.rate_scale;
+        self.outlook.forget();
         Ok(numbers.seconds)
     }
 

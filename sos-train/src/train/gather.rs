@@ -18,6 +18,8 @@ use super::visible::{FrozenFields, Look, Representatives};
 use crate::config::{AlphaSource, Blend, TrainConfig, Transparency};
 use crate::prepare::Label;
 
+/// Rays that one task takes: few, so that tasks run beside each other and their lists stay in a core's cache.
+const RAYS_PER_TASK: usize = 64;
 /// Lighter samples do not vote.
 const LEAST_VOTE: f32 = 0.02;
 
@@ -33,8 +35,6 @@ pub(super) struct Rules<'a> {
     pub(super) spread: bool,
     /// Seeds the raster and the choice of samples; another one for every step.
     pub(super) seed: u64,
-    /// Rays that one task takes.
-    pub(super) chunk: usize,
 }
 
 /// What a step learns from, and what was found on the way.
@@ -59,10 +59,10 @@ pub(super) struct SurfaceVote {
 pub(super) fn gather(batch: &RayBatch, fields: &FrozenFields, rules: Rules<'_>) -> Gathered {
     let parts: Vec<Gathered> = batch
         .rays
-        .par_chunks(rules.chunk)
+        .par_chunks(RAYS_PER_TASK)
         .enumerate()
         .map_init(BatchMarcher::default, |marcher, (number, rays)| {
-            let first = number * rules.chunk;
+            let first = number * RAYS_PER_TASK;
             gather_chunk(batch, first, rays, fields, rules, marcher)
         })
         .collect();

@@ -9,6 +9,8 @@ pub mod clock;
 pub mod distortion;
 mod gather;
 pub mod grids;
+pub mod ledger;
+mod outlook;
 mod rounds;
 pub mod run;
 pub mod sampler;
@@ -26,7 +28,7 @@ use glam::Vec3;
 use hashgrid::{LazyAdam, SparseGrad};
 use neus_render::march::{Grids, MarchConfig};
 use scene_decomp::probability::ProbabilityMap;
-use scene_decomp::{FrozenSurface, Scene, Sharpness, SurfaceVotes};
+use scene_decomp::{Scene, Sharpness, SurfaceVotes};
 
 use crate::config::{Fields, ProbabilitySource, TrainConfig};
 use crate::prepare::Prepared;
@@ -35,9 +37,9 @@ use batch::{MarchedBatch, Partition};
 use clock::{Phase, StepClock};
 use distortion::Spread;
 use grids::{FieldGrids, GridRule};
+use outlook::Outlook;
 use sampler::{RayBatch, Sampler};
 use step::{Known, StepContext, StepLosses, StepSchedule};
-use visible::FrozenFields;
 
 pub use run::run;
 
@@ -77,8 +79,7 @@ pub struct Trainer {
     /// By how many pixels each view's mask was moved outwards.
     mask_shifts: Vec<f32>,
     sampler: Sampler,
-    /// Rays whose samples are looked for at once.
-    rays_per_task: usize,
+    outlook: Outlook,
     step: u32,
     /// Rays a step, followed so that the samples meet the budget.
     rays: f32,
@@ -165,6 +166,7 @@ impl Trainer {
         let both = config.model.fields == Fields::Both;
         if self.is_carving_due() {
             self.carve(data);
+            self.outlook.forget();
         }
         self.clock.begin();
         if self.step.is_multiple_of(config.sampling.occupancy_every) {
@@ -173,7 +175,7 @@ impl Trainer {
         self.clock.lap(Phase::Grids);
         let batch = self.sampler.draw(data, self.step, self.rays as usize);
         self.clock.lap(Phase::Draw);
-        let fields = self.freeze_fields(schedule).without_features();
+        let fields = self.look_ahead(schedule);
         let (grids, partition) = space(&config, self.step, &self.grids, &self.map);
         let gathered = gather::gather(
             &batch,
@@ -186,7 +188,6 @@ impl Trainer {
                 cos_anneal: schedule.cos_anneal,
                 spread: config.loss.distortion > 0.0 || schedule.far_weight > 0.0,
                 seed: config.seed ^ (u64::from(self.step) << 20),
-                chunk: self.rays_per_task,
             },
         );
         drop(fields);
@@ -242,12 +243,17 @@ impl Trainer {
         );
         self.clock.lap(Phase::Forward);
         self.step += 1;
-        let Some((loss, losses)) = loss else {
+        let Some((loss, ledger)) = loss else {
             self.empty_batches += 1;
             return report;
         };
         self.empty_batches = 0;
-        report.losses = losses;
+        let config = &self.context.config;
+        // What is written to files now has to be known to be sound.
+        let written = [config.export.checkpoint_every, config.export.preview_every];
+        let wanted = self.step == config.steps
+            || written.iter().any(|every| self.step.is_multiple_of(*every));
+        report.losses = self.outlook.losses(ledger, self.step, wanted);
         if report.is_finite() {
             self.descend(loss);
         }
@@ -382,37 +388,6 @@ impl Trainer {
         self.rays = next.clamp(most.min(FEWEST_RAYS), most);
     }
 
-    /// FoCoR without gradients, at the current number of levels.
-    #[must_use]
-    pub fn freeze_object(&self, active_levels: usize) -> FrozenSurface {
-        FrozenSurface::new(
-            &self.scene.object,
-            &self.context.object_layout,
-            active_levels,
-        )
-    }
-
-    /// BaCo without gradients, at the current number of levels.
-    #[must_use]
-    pub fn freeze_background(&self, active_levels: usize) -> FrozenSurface {
-        FrozenSurface::new(
-            &self.scene.background,
-            &self.context.background_layout,
-            active_levels,
-        )
-    }
-
-    /// Both fields without gradients, at the current number of levels.
-    #[must_use]
-    pub fn freeze_fields(&self, schedule: StepSchedule) -> FrozenFields {
-        FrozenFields {
-            object: self.freeze_object(schedule.active_levels),
-            background: self.freeze_background(schedule.background_levels),
-            sharpness: self.sharpness(),
-            view_share: schedule.view_share,
-        }
-    }
-
     fn update_grids(&mut self, schedule: StepSchedule) {
         let config = self.context.config.clone();
         // For the first steps the fields say nothing yet: everything stays occupied.
@@ -422,32 +397,28 @@ impl Trainer {
         }
         let round = self.step / config.sampling.occupancy_every.max(1);
         let settled = schedule::progress(&config, self.step) > SETTLED;
-        let [b_object, b_background] = self.sharpness();
+        let fields = self.look_ahead(schedule);
+        let [b_object, b_background] = fields.sharpness;
         // What is not trained yet says nothing: until it is carved out, FoCoR may be anywhere.
         if !schedule::background_alone(&config, self.step) {
-            let object = self
-                .freeze_object(schedule.active_levels)
-                .without_features();
             let rule = GridRule {
                 transparency: config.model.foreground,
                 sharpness: b_object,
                 settled,
             };
-            self.grids.update_object(&object, rule, config.seed, round);
+            self.grids
+                .update_object(&fields.object, rule, config.seed, round);
         }
         if config.model.fields == Fields::Object {
             return;
         }
-        let background = self
-            .freeze_background(schedule.background_levels)
-            .without_features();
         let rule = GridRule {
             transparency: config.model.background,
             sharpness: b_background,
             settled,
         };
         self.grids
-            .update_background(&background, rule, config.seed, round);
+            .update_background(&fields.background, rule, config.seed, round);
     }
 }
 

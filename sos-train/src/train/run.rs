@@ -385,7 +385,10 @@ fn train(
         }
         let seconds = earlier_seconds + (started.elapsed() - paused).as_secs_f64();
         if interrupted {
-            trainer.save(&job.run, seconds)?;
+            // The checkpoint that is there is better than one of fields that are no numbers.
+            if trainer.settle() {
+                trainer.save(&job.run, seconds)?;
+            }
             return Ok(TrainOutcome::Interrupted { step });
         }
         if step.is_multiple_of(config.export.checkpoint_every) || step == config.steps {

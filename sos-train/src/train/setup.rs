@@ -8,6 +8,7 @@ use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 use super::agreement::Agreement;
 use super::clock::StepClock;
 use super::grids::FieldGrids;
+use super::outlook::Outlook;
 use super::sampler::Sampler;
 use super::step::StepContext;
 use super::{Trainer, adam, gradient_sinks};
@@ -114,16 +115,6 @@ fn table_adam(layout: &GridLayout, config: &TrainConfig) -> LazyAdam {
     LazyAdam::with_config(layout, constants)
 }
 
-/// Rays whose samples one task looks for: few on a CPU, where tasks run beside each other and their
-/// lists should stay in a core's cache; all at once on a GPU, where each look is a round trip.
-fn rays_per_task(device: &ChosenDevice) -> usize {
-    if device.largest_binding.is_some() {
-        usize::MAX
-    } else {
-        64
-    }
-}
-
 impl Trainer {
     /// A trainer at step 0.
     ///
@@ -166,7 +157,7 @@ impl Trainer {
             optimiser: adam(),
             sharpness_optimiser: adam(),
             grids,
-            rays_per_task: rays_per_task(&chosen),
+            outlook: Outlook::new(chosen.is_cpu),
             device_name: chosen.name,
             map: scene.map.clone(),
             sparse_points: scene.points.clone(),

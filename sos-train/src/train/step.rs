@@ -14,6 +14,7 @@ use scene_decomp::{Scene, Sharpness};
 use super::batch::{FieldSamples, MarchedBatch};
 use super::blend::blend;
 use super::distortion::Spread;
+use super::ledger::{Entry, Ledger};
 use super::sampler::RayBatch;
 use super::semantic;
 use super::shape_losses::Shape;
@@ -60,7 +61,7 @@ pub struct StepSchedule {
 }
 
 /// The losses of a step, as numbers.
-#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct StepLosses {
     /// The sum that is differentiated.
     pub total: f32,
@@ -109,7 +110,7 @@ pub struct Known<'a> {
     pub mask_trust: &'a [f32],
 }
 
-/// The loss of a batch, ready for `backward`, with its parts.
+/// The loss of a batch, ready for `backward`, with its parts, which are on the device still.
 ///
 /// Returns `None` when no ray has a sample.
 #[must_use]
@@ -121,7 +122,7 @@ pub fn loss(
     marched: &MarchedBatch,
     known: Known<'_>,
     schedule: StepSchedule,
-) -> Option<(Tensor<1>, StepLosses)> {
+) -> Option<(Tensor<1>, Ledger)> {
     if marched.object.is_empty() && marched.background.is_empty() {
         return None;
     }
@@ -151,7 +152,7 @@ pub fn loss(
     let opacity = pixels.rendered.clone().slice([0..n_rays, first..first + 1]);
     let matte = pixels.matte.reshape([n_rays]);
 
-    let mut losses = StepLosses::default();
+    let mut ledger = Ledger::default();
     // Without BaCo nothing explains what is not the object.
     let explained = (config.model.fields == Fields::Object).then(|| {
         let share = |label: &Label| {
@@ -160,10 +161,11 @@ pub fn loss(
         };
         list(batch.labels.iter().map(share).collect(), device)
     });
-    losses.mse = scalar(&match &explained {
+    let mse = match &explained {
         Some(weights) => ColourLoss::L2.loss(joint.clone(), photo.clone(), Some(weights.clone())),
         None => (joint.clone() - photo.clone()).powf_scalar(2.0).mean(),
-    });
+    };
+    ledger.note(&mse, |losses| &mut losses.mse);
     let kind = match weights.colour {
         config::ColourLoss::L2 => ColourLoss::L2,
         config::ColourLoss::L1 => ColourLoss::L1,
@@ -172,10 +174,10 @@ pub fn loss(
         },
     };
     let mut total = kind.loss(joint, photo.clone(), explained);
-    losses.colour = scalar(&total);
-    let mut add = |part: Tensor<1>, weight: f32, value: &mut f32| {
+    ledger.note(&total, |losses| &mut losses.colour);
+    let mut add = |part: Tensor<1>, weight: f32, entry: Entry| {
         if weight > 0.0 {
-            *value += scalar(&part);
+            ledger.note(&part, entry);
             total = total.clone() + part.mul_scalar(weight);
         }
     };
@@ -188,7 +190,7 @@ pub fn loss(
             .iter()
             .map(|l| f32::from(u8::from(*l == Label::Background)));
         let part = background_loss(kind, alone, photo, list(outside.collect(), device));
-        add(part, weights.background, &mut losses.background);
+        add(part, weights.background, |losses| &mut losses.background);
     }
     if config.model.fields == Fields::Semantic {
         let share = semantic::share(
@@ -199,7 +201,7 @@ pub fn loss(
             compositing,
         );
         let part = semantic::loss(share, &batch.masks);
-        add(part, weights.semantic, &mut losses.mask);
+        add(part, weights.semantic, |losses| &mut losses.mask);
     }
     if schedule.mask_weight > 0.0 {
         let (targets, trust) = batch.labels.iter().map(|l| l.target()).unzip();
@@ -212,7 +214,7 @@ pub fn loss(
             list(targets, device),
             Some(list(trust, device)),
         );
-        add(part, schedule.mask_weight, &mut losses.mask);
+        add(part, schedule.mask_weight, |losses| &mut losses.mask);
     }
     let mask_trust = known.mask_trust;
     if weights.mask_trusted > 0.0 && mask_trust.iter().any(|trust| *trust > 0.0) {
@@ -233,7 +235,7 @@ pub fn loss(
             list(targets, device),
             Some(list(trust, device)),
         );
-        add(part, weights.mask_trusted, &mut losses.mask);
+        add(part, weights.mask_trusted, |losses| &mut losses.mask);
     }
     if weights.hidden > 0.0 && config.model.blend == Blend::Sample {
         // Where the mask says that the object is to be seen, nothing hides it: floaters near a
@@ -247,19 +249,21 @@ pub fn loss(
             .clamp_min(0.0)
             .mul(list(visible.collect(), device))
             .mean();
-        add(part, weights.hidden, &mut losses.hidden);
+        add(part, weights.hidden, |losses| &mut losses.hidden);
     }
     if known.spread.is_some() {
         let [spread, far] = [column::MARKS, column::MARKS + 1]
             .map(|of| pixels.rendered.clone().slice([0..n_rays, of..of + 1]));
-        add(spread.mean(), weights.distortion, &mut losses.distortion);
-        add(far.mean(), schedule.far_weight, &mut losses.far);
+        add(spread.mean(), weights.distortion, |losses| {
+            &mut losses.distortion
+        });
+        add(far.mean(), schedule.far_weight, |losses| &mut losses.far);
     }
     // What follows speaks of a distance.
     let surface = !marched.object.is_empty() && config.model.foreground == Transparency::Sdf;
     if surface {
         let part = eikonal_loss_of_lengths(normal_lengths(object), None);
-        add(part, weights.eikonal, &mut losses.eikonal);
+        add(part, weights.eikonal, |losses| &mut losses.eikonal);
     }
     let shape = Shape {
         context,
@@ -267,25 +271,27 @@ pub fn loss(
         schedule,
     };
     if weights.sparsity > 0.0 && surface {
-        add(shape.sparsity(), weights.sparsity, &mut losses.sparsity);
+        add(shape.sparsity(), weights.sparsity, |losses| {
+            &mut losses.sparsity
+        });
     }
     if weights.points > 0.0 && surface && !context.points.is_empty() {
-        add(shape.sparse_points(), weights.points, &mut losses.points);
+        add(shape.sparse_points(), weights.points, |losses| {
+            &mut losses.points
+        });
     }
     if weights.curvature > 0.0 && surface {
         let part = shape.curvature(&marched.object.points);
-        add(part, weights.curvature, &mut losses.curvature);
+        add(part, weights.curvature, |losses| &mut losses.curvature);
     }
     if !marched.background.is_empty() && config.model.background == Transparency::Sdf {
         let part = eikonal_loss_of_lengths(normal_lengths(background), None);
-        add(part, weights.eikonal_background, &mut losses.eikonal);
+        add(part, weights.eikonal_background, |losses| {
+            &mut losses.eikonal
+        });
     }
-    losses.total = scalar(&total);
-    Some((total, losses))
-}
-
-fn scalar(tensor: &Tensor<1>) -> f32 {
-    tensor.clone().into_scalar::<f32>()
+    ledger.note(&total, |losses| &mut losses.total);
+    Some((total, ledger))
 }
 
 /// The normals' lengths in rows of samples, `[m]`.

@@ -3,6 +3,7 @@
 //! Most samples of a marched ray lie behind its first surface, where nothing they do can be seen.
 //! Their geometry alone tells, at a fraction of the price of a whole sample with its gradient.
 
+use burn::tensor::Device;
 use neus_render::composite::{self, CompositeConfig, MatteRole, SampleVisibility};
 use rand::{Rng, RngExt};
 use scene_decomp::colour_field::density_of;
@@ -47,6 +48,16 @@ impl FrozenFields {
         Self {
             object: self.object.without_features(),
             background: self.background.without_features(),
+            ..self
+        }
+    }
+
+    /// A copy on another device.
+    #[must_use]
+    pub fn to_device(self, device: &Device) -> Self {
+        Self {
+            object: self.object.to_device(device),
+            background: self.background.to_device(device),
             ..self
         }
     }

@@ -109,6 +109,7 @@ fn step(data: &Prepared, config: &TrainConfig, device: &Device) -> Vec<(&'static
         schedule,
     )
     .unwrap();
+    let losses = losses.read();
     let grads = total.backward();
     let wide = |values: Vec<f32>| values.into_iter().map(f64::from).collect();
     let mut out = vec![

@@ -1,0 +1,72 @@
+//! Losses on their way from the device: those of some steps in one transfer.
+
+use burn::Tensor;
+
+use super::step::StepLosses;
+
+/// Where a loss is written down.
+pub(crate) type Entry = fn(&mut StepLosses) -> &mut f32;
+
+/// A step's losses that are numbers on the device so far.
+#[derive(Clone, Debug, Default)]
+pub struct Ledger {
+    values: Vec<Tensor<1>>,
+    entries: Vec<Entry>,
+}
+
+impl Ledger {
+    /// Adds a loss `[1]` to its entry.
+    pub(super) fn note(&mut self, loss: &Tensor<1>, entry: Entry) {
+        self.values.push(loss.clone().detach());
+        self.entries.push(entry);
+    }
+
+    /// The sums of all entries. Waits for the device.
+    #[must_use]
+    pub fn read(self) -> StepLosses {
+        Self::read_mean(vec![self])
+    }
+
+    /// The same, on average over some steps.
+    pub(super) fn read_mean(steps: Vec<Self>) -> StepLosses {
+        let mut losses = StepLosses::default();
+        let count = steps.len() as f32;
+        let (mut values, mut entries) = (Vec::new(), Vec::new());
+        for step in steps {
+            values.extend(step.values);
+            entries.extend(step.entries);
+        }
+        if values.is_empty() {
+            return losses;
+        }
+        let values = Tensor::cat(values, 0).into_data();
+        for (entry, value) in entries.iter().zip(values.iter::<f32>()) {
+            *entry(&mut losses) += value / count;
+        }
+        losses
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+
+    use super::*;
+
+    #[test]
+    fn parts_of_a_loss_add_up() {
+        let device = Device::flex().autodiff();
+        let of = |value: f32| Tensor::<1>::from_floats([value], &device);
+        let mut ledger = Ledger::default();
+        ledger.note(&of(0.5), |losses| &mut losses.mask);
+        ledger.note(&of(2.0), |losses| &mut losses.total);
+        ledger.note(&of(0.25), |losses| &mut losses.mask);
+        let losses = ledger.clone().read();
+        assert_eq!((losses.mask, losses.total, losses.mse), (0.75, 2.0, 0.0));
+        let mut other = Ledger::default();
+        other.note(&of(1.0), |losses| &mut losses.total);
+        let mean = Ledger::read_mean(vec![ledger, other]);
+        assert_eq!((mean.mask, mean.total), (0.375, 1.5));
+        assert_eq!(Ledger::default().read().total, 0.0);
+    }
+}
