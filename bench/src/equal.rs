@@ -42,6 +42,7 @@ pub(crate) fn measure(sizes: Sizes, device: &str) -> Result<StepFigures> {
     let mut marks = Marks::begin(&trainer);
     for number in 0..WARM_UP + sizes.steps {
         if number == WARM_UP {
+            trainer.settle();
             marks = Marks::begin(&trainer);
         }
         let mut random = step_random(7, number as u32);
@@ -58,6 +59,10 @@ pub(crate) fn measure(sizes: Sizes, device: &str) -> Result<StepFigures> {
         };
         let report = trainer.learn(&batch, &marched, None, schedule);
         anyhow::ensure!(report.is_finite(), "a loss of step {number} is no number");
+        if number + 1 == WARM_UP + sizes.steps {
+            // What a device has been given to do counts when it is done.
+            trainer.settle();
+        }
         marks.step_done(sizes.rays * sizes.samples);
     }
     Ok(marks.figures(&trainer))

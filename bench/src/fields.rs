@@ -184,6 +184,21 @@ impl OpSizes {
     }
 }
 
+/// FoCoR at the paper's sizes.
+pub(crate) fn surface_config() -> SurfaceConfig {
+    SurfaceConfig {
+        grid: GridConfig::default(),
+        hidden: 64,
+        features: 12,
+        extra: 0,
+        direction_degree: 1,
+        outputs: 4,
+        half_side: 1.0,
+        beta: 100.0,
+        initial: InitialShape::Ball(0.5),
+    }
+}
+
 /// Measures FoCoR's ops at the paper's sizes on one core and on all.
 pub(crate) fn measure(peaks: &Peaks, device: &Device) -> Result<Vec<OpFigures>> {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
@@ -193,26 +208,15 @@ pub(crate) fn measure(peaks: &Peaks, device: &Device) -> Result<Vec<OpFigures>> 
 }
 
 fn ops(peaks: &Peaks, device: &Device, one_core: bool) -> Vec<OpFigures> {
-    let grid = GridConfig::default();
-    let config = SurfaceConfig {
-        grid: grid.clone(),
-        hidden: 64,
-        features: 12,
-        extra: 0,
-        direction_degree: 1,
-        outputs: 4,
-        half_side: 1.0,
-        beta: 100.0,
-        initial: InitialShape::Ball(0.5),
-    };
+    let config = surface_config();
     let device = device.clone().autodiff();
-    let layout = Arc::new(GridLayout::new(&grid));
+    let layout = Arc::new(GridLayout::new(&config.grid));
     let mut surface = Surface::new(&config, 1, &device);
     surface.grid.table = surface.grid.table.set_require_grad(false);
     let (gradient, mut adam) = (SparseGrad::new(&layout), LazyAdam::new(&layout));
     let levels = layout.levels.len();
     let [forward, backward, colour_forward, colour_backward] = OpSizes::new(&layout).all();
-    let (points, directions) = ray_points();
+    let (points, directions) = ray_points(POINTS);
     let cases: [(&str, &Stopwatch, Cost); 4] = [
         ("sdf field forward", &sdf_field::FORWARD, forward),
         ("sdf field backward", &sdf_field::BACKWARD, backward),
@@ -295,13 +299,13 @@ fn figures(
     }
 }
 
-/// Points on rays through the box, 64 each, and the rays' directions.
-fn ray_points() -> (Vec<f32>, Vec<f32>) {
+/// `count` points on rays through the box, 64 each, and the rays' directions.
+pub(crate) fn ray_points(count: usize) -> (Vec<f32>, Vec<f32>) {
     use glam::Vec3;
     use rand::RngExt;
     let mut random = sos_train::train::sampler::step_random(3, 0);
     let (mut points, mut directions) = (Vec::new(), Vec::new());
-    for _ in 0..POINTS / 64 {
+    for _ in 0..count / 64 {
         let mut face = |z: f32| {
             Vec3::new(
                 random.random_range(-1.0..1.0),

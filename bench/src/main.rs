@@ -7,12 +7,15 @@
 //! - `steps.rs`: steps of the default preset as a run does them, on the demo scene;
 //! - `phases.rs`: where a step's time goes;
 //! - `pictures.rs`: a finished run's mattes and plates;
+//! - `on_device.rs`: ops and steps on a GPU against what it does at best;
 //! - `predict.rs`: the least time of that step on a device that is not at hand;
 //! - `torch.rs`, `torch_step.py`: the same step in PyTorch;
 //! - `report.rs`: all of it as a table or as JSON.
 
 mod equal;
 mod fields;
+#[cfg(feature = "gpu")]
+mod on_device;
 mod peaks;
 mod phases;
 mod pictures;
@@ -52,7 +55,7 @@ struct Options {
     /// The Python to ask.
     #[arg(long, default_value = "python3", value_name = "PROGRAM")]
     python: PathBuf,
-    /// Where to compute: auto, cpu, ndarray or flex.
+    /// Where to compute: auto, cpu, ndarray, flex, or in builds for it wgpu or cuda.
     #[arg(long, default_value = "cpu", value_name = "NAME")]
     device: String,
     /// Measured steps at the paper's sizes.
@@ -94,17 +97,24 @@ fn run(options: &Options) -> Result<()> {
         return answer(options, &pictures::measure(folder)?);
     }
     let threads = rayon::current_num_threads();
-    let device = choose(&options.device)?.device;
-    let say = |what: &str| eprintln!("measuring {what} …");
-    say("the machine's peaks");
-    let peaks = peaks::Peaks::measure(threads);
-    say("the fused ops");
-    let ops = fields::measure(&peaks, &device)?;
     let sizes = Sizes {
         rays: RAYS,
         samples: SAMPLES,
         steps: options.steps,
     };
+    let chosen = choose(&options.device)?;
+    let say = |what: &str| eprintln!("measuring {what} …");
+    #[cfg(feature = "gpu")]
+    if !chosen.is_cpu {
+        say(&chosen.name);
+        let report = on_device::measure(&chosen, &options.device, sizes, options.default_steps)?;
+        return answer(options, &report);
+    }
+    let device = chosen.device;
+    say("the machine's peaks");
+    let peaks = peaks::Peaks::measure(threads);
+    say("the fused ops");
+    let ops = fields::measure(&peaks, &device)?;
     let python = options.against_torch.then_some(options.python.as_path());
     let python = python.filter(|python| {
         let found = torch::is_installed(python);

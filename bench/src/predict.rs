@@ -14,7 +14,7 @@ use serde::Serialize;
 use crate::fields::{Cost, OpSizes, VALUE};
 
 /// Values that the table optimiser reads and writes for each entry: the entry, its gradient, two moments.
-const OPTIMISER_VALUES: f64 = 8.0;
+pub(crate) const OPTIMISER_VALUES: f64 = 8.0;
 
 /// A device's rates, as in its data sheet.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

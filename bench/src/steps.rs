@@ -61,10 +61,14 @@ fn until(trainer: &mut Trainer, data: &Prepared, end: u32) -> Result<StepFigures
     let mut marks = Marks::begin(trainer);
     while trainer.step_number() < end {
         if trainer.step_number() == begin + SETTLING {
+            trainer.settle();
             marks = Marks::begin(trainer);
         }
         let report = trainer.step(data);
         anyhow::ensure!(report.is_finite(), "a loss is no number");
+        if trainer.step_number() == end {
+            trainer.settle();
+        }
         marks.step_done(report.object_samples + report.background_samples);
     }
     Ok(marks.figures(trainer))

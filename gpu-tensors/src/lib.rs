@@ -21,6 +21,8 @@ mod outer;
 #[cfg(feature = "cube")]
 mod points;
 #[cfg(feature = "cube")]
+mod rates;
+#[cfg(feature = "cube")]
 mod sums;
 #[cfg(feature = "cube")]
 mod tensor;
@@ -39,6 +41,8 @@ pub use elementary::{exp_m1, ln_1p, sigmoid, softplus};
 pub use outer::layer_gradients;
 #[cfg(feature = "cube")]
 pub use points::{BLOCK, LANES, PointMatrix, Quad, padded};
+#[cfg(feature = "cube")]
+pub use rates::{DeviceFailed, Rates, finish};
 #[cfg(feature = "cube")]
 pub use sums::column_sums;
 #[cfg(feature = "cube")]

@@ -53,6 +53,7 @@ const ALLOWED: [(&str, &[&str]); 17] = [
         "sos-bench",
         &[
             "demo-scene",
+            "gpu-tensors",
             "hashgrid",
             "io-colmap",
             "neus-render",

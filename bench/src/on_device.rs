@@ -1,0 +1,359 @@
+//! The ops, and whole steps, on a GPU against what it does at best.
+//!
+//! A device works through a queue: an op's time is that of several in a row, from an empty queue until it is
+//! empty again. Costs are those of [`fields`](crate::fields), but that a device adds to a table's gradient
+//! where it lies: such lines are read and written in its memory.
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use burn::tensor::{Device, Tensor, TensorData};
+use gpu_tensors::{Rates, finish};
+use hashgrid::{GridConfig, GridLayout, LazyAdam, SparseGrad};
+use neus_render::composite::{self, CompositeConfig, Packing};
+use scene_decomp::Surface;
+use scene_decomp::colour_field::{ColourFieldInputs, colour_field};
+use serde::Serialize;
+use sos_train::device::ChosenDevice;
+
+use crate::equal::{self, Sizes};
+use crate::fields::{Cost, OpSizes, VALUE, ray_points, surface_config};
+use crate::predict::OPTIMISER_VALUES;
+use crate::steps::{self, DefaultSteps, StepFigures};
+
+/// Calls between two looks at the clock, and such measurements, of which the fastest counts.
+const CALLS: u32 = 4;
+const MEASUREMENTS: usize = 3;
+
+/// What one run found on a device.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct DeviceReport {
+    device: String,
+    trained_samples_per_s: f64,
+    step_ms: f64,
+    /// Of the sdf field's forward and backward together.
+    roofline_share: f64,
+    peak_gflops: f64,
+    peak_gbs: f64,
+    ops: Vec<DeviceOp>,
+    step: StepFigures,
+    default_preset: Option<DefaultSteps>,
+}
+
+/// One op in one direction, at as many points as a step of the paper's sizes has.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct DeviceOp {
+    name: &'static str,
+    points: usize,
+    ms: f64,
+    /// Of the device's multiply-adds.
+    arithmetic_share: f64,
+    /// Of the device's copies.
+    bandwidth_share: f64,
+}
+
+/// Measures the ops, steps at the paper's sizes, and those of the default preset unless there are none.
+pub(crate) fn measure(
+    chosen: &ChosenDevice,
+    name: &str,
+    sizes: Sizes,
+    default_steps: u32,
+) -> Result<DeviceReport> {
+    let rates = Rates::measure(&chosen.device, chosen.largest_binding)?
+        .with_context(|| format!("{} is not run by CubeCL", chosen.name))?;
+    let bench = Bench {
+        rates,
+        device: &chosen.device,
+    };
+    let ops = bench.ops(sizes)?;
+    let step = equal::measure(sizes, name)?;
+    let default_preset = (default_steps > 0)
+        .then(|| steps::measure(default_steps, name))
+        .transpose()?;
+    let of_sdf = || ops.iter().filter(|op| op.name.starts_with("sdf"));
+    let least = |op: &DeviceOp| op.ms * op.arithmetic_share.max(op.bandwidth_share);
+    Ok(DeviceReport {
+        device: chosen.name.clone(),
+        trained_samples_per_s: step.trained_samples_per_s,
+        step_ms: step.step_ms,
+        roofline_share: of_sdf().map(least).sum::<f64>() / of_sdf().map(|op| op.ms).sum::<f64>(),
+        peak_gflops: rates.gflops,
+        peak_gbs: rates.copy_gbs,
+        ops,
+        step,
+        default_preset,
+    })
+}
+
+/// A device with its peaks.
+struct Bench<'a> {
+    rates: Rates,
+    device: &'a Device,
+}
+
+impl Bench<'_> {
+    /// The seconds of one call.
+    fn time(&self, mut call: impl FnMut()) -> Result<f64> {
+        // Kernels are compiled.
+        call();
+        let mut best = f64::INFINITY;
+        for _ in 0..MEASUREMENTS {
+            finish(self.device)?;
+            let begun = Instant::now();
+            (0..CALLS).for_each(|_| call());
+            finish(self.device)?;
+            best = best.min(begun.elapsed().as_secs_f64() / f64::from(CALLS));
+        }
+        Ok(best)
+    }
+
+    /// Both ways of an op, of which the second is what both take beyond the first.
+    fn both_ways(
+        &self,
+        [forward, backward]: [(&'static str, Cost); 2],
+        points: usize,
+        run: impl Fn() -> Tensor<2>,
+        learn: impl Fn() -> Tensor<2>,
+    ) -> Result<[DeviceOp; 2]> {
+        let there = self.time(|| drop(run()))?;
+        let and_back = self.time(|| drop(learn().sum().backward()))?;
+        Ok([
+            self.figures(forward, points, there),
+            self.figures(backward, points, (and_back - there).max(0.0)),
+        ])
+    }
+
+    fn figures(&self, (name, cost): (&'static str, Cost), points: usize, seconds: f64) -> DeviceOp {
+        let rate = |of_point: f64| 1e-9 * of_point * points as f64 / seconds;
+        DeviceOp {
+            name,
+            points,
+            ms: 1e3 * seconds,
+            arithmetic_share: rate(cost.flops) / self.rates.gflops,
+            bandwidth_share: rate(cost.bytes + 2.0 * cost.added) / self.rates.copy_gbs,
+        }
+    }
+
+    fn ops(&self, sizes: Sizes) -> Result<Vec<DeviceOp>> {
+        let points = sizes.rays * sizes.samples;
+        let grid = GridConfig::default();
+        let layout = Arc::new(GridLayout::new(&grid));
+        let costs = OpSizes::new(&layout);
+        let [forward, backward, colour_forward, colour_backward] = costs.all();
+        let plain = Case::new(points, &layout, self.device);
+        let tracked = Case::new(points, &layout, &self.device.clone().autodiff());
+        let mut ops = Vec::new();
+        ops.extend(self.both_ways(
+            [
+                ("sdf field forward", forward),
+                ("sdf field backward", backward),
+            ],
+            points,
+            || plain.geometry(),
+            || tracked.geometry(),
+        )?);
+        let geometry = plain.geometry();
+        let tracked_geometry = tracked.geometry().detach().require_grad();
+        ops.extend(self.both_ways(
+            [
+                ("colour field forward", colour_forward),
+                ("colour field backward", colour_backward),
+            ],
+            points,
+            || plain.colour(geometry.clone()),
+            || tracked.colour(tracked_geometry.clone()),
+        )?);
+        let rays = Rays::new(sizes, self.device);
+        let tracked_rays = Rays::new(sizes, &self.device.clone().autodiff()).learnt();
+        ops.extend(self.both_ways(
+            [
+                ("compositing forward", Rays::cost(1.0)),
+                // Reads rows, computes again, writes their gradients.
+                ("compositing backward", Rays::cost(2.0)),
+            ],
+            points,
+            || rays.pixels(),
+            || tracked_rays.pixels(),
+        )?);
+        let mut table = plain;
+        let mut adam = LazyAdam::new(&layout);
+        // There has to be a gradient, or next to nothing is done.
+        let learning = self.time(|| drop(tracked.geometry().sum().backward()))?;
+        let with_step = self.time(|| {
+            drop(tracked.geometry().sum().backward());
+            adam.step_grid(&mut table.surface.grid, &tracked.gradient, 1e-4);
+        })?;
+        let seconds = (with_step - learning).max(0.0);
+        let values = (layout.entries() * grid.features) as f64;
+        let update = Cost {
+            flops: 0.0,
+            bytes: values * OPTIMISER_VALUES * VALUE / points as f64,
+            scattered: 0.0,
+            added: 0.0,
+        };
+        ops.push(self.figures(("table optimiser", update), points, seconds));
+        Ok(ops)
+    }
+}
+
+/// FoCoR at the paper's sizes, and points to ask it about.
+struct Case {
+    surface: Surface,
+    layout: Arc<GridLayout>,
+    gradient: SparseGrad,
+    points: Tensor<2>,
+    directions: Tensor<2>,
+}
+
+impl Case {
+    fn new(count: usize, layout: &Arc<GridLayout>, device: &Device) -> Self {
+        let mut surface = Surface::new(&surface_config(), 1, device);
+        surface.grid.table = surface.grid.table.set_require_grad(false);
+        let (points, directions) = ray_points(count);
+        let rows =
+            |values: Vec<f32>| Tensor::from_data(TensorData::new(values, [count, 3]), device);
+        Self {
+            gradient: SparseGrad::new(layout),
+            layout: layout.clone(),
+            points: rows(points),
+            directions: rows(directions),
+            surface,
+        }
+    }
+
+    fn geometry(&self) -> Tensor<2> {
+        let levels = self.layout.levels.len();
+        let config = self
+            .surface
+            .sdf_config(&self.layout, levels, Some(self.gradient.clone()));
+        self.surface.geometry(self.points.clone(), config)
+    }
+
+    fn colour(&self, geometry: Tensor<2>) -> Tensor<2> {
+        let [n, _] = geometry.dims();
+        let inputs = ColourFieldInputs {
+            extra: Tensor::zeros([n, 0], &geometry.device()),
+            geometry,
+            points: self.points.clone(),
+            directions: self.directions.clone(),
+        };
+        colour_field(inputs, self.surface.colour_weights())
+    }
+}
+
+/// Samples of both fields on rays, for compositing.
+struct Rays {
+    object: Tensor<2>,
+    background: Tensor<2>,
+    sharpness: Tensor<1>,
+    packing: Arc<Packing>,
+}
+
+impl Rays {
+    fn new(sizes: Sizes, device: &Device) -> Self {
+        let n = sizes.rays * sizes.samples;
+        let rows = |columns: usize| {
+            let values = (0..n * columns).map(|i| (i % 7) as f32 * 0.1 - 0.2);
+            let values: Vec<f32> = values.collect();
+            Tensor::from_data(TensorData::new(values, [n, columns]), device)
+        };
+        let ends = (0..=sizes.rays).map(|ray| (ray * sizes.samples) as u32);
+        let all: Vec<u32> = (0..n as u32).collect();
+        let step = 2.0 / sizes.samples as f32;
+        let t = (0..n).map(|i| (i % sizes.samples) as f32 * step).collect();
+        Self {
+            object: rows(composite::object_column::COUNT),
+            background: rows(composite::background_column::COUNT),
+            sharpness: Tensor::from_floats([20.0, 20.0], device),
+            packing: Arc::new(Packing::new(
+                ends.collect(),
+                t,
+                vec![step; n],
+                all.clone(),
+                all,
+            )),
+        }
+    }
+
+    /// With gradients of all samples' rows.
+    fn learnt(self) -> Self {
+        Self {
+            object: self.object.require_grad(),
+            background: self.background.require_grad(),
+            ..self
+        }
+    }
+
+    /// Of a sample of both fields, whose rows pass through memory so often.
+    fn cost(passes: f64) -> Cost {
+        let columns = composite::object_column::COUNT + composite::background_column::COUNT;
+        Cost {
+            flops: 0.0,
+            bytes: passes * VALUE * columns as f64,
+            scattered: 0.0,
+            added: 0.0,
+        }
+    }
+
+    fn pixels(&self) -> Tensor<2> {
+        composite::composite(
+            self.object.clone(),
+            self.background.clone(),
+            self.sharpness.clone(),
+            self.packing.clone(),
+            CompositeConfig::default(),
+        )
+    }
+}
+
+impl fmt::Display for DeviceReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{}: multiply-adds at {:.0} GFLOP/s, copies at {:.1} GB/s",
+            self.device, self.peak_gflops, self.peak_gbs
+        )?;
+        let points = self.ops.first().map_or(0, |op| op.points);
+        writeln!(
+            f,
+            "ops, {points} points, 2^19 entries: time, and shares of multiply-adds and of copies"
+        )?;
+        for op in &self.ops {
+            writeln!(
+                f,
+                "    {:<24} {:9.3} ms {:6.2} % {:6.2} %",
+                op.name,
+                op.ms,
+                100.0 * op.arithmetic_share,
+                100.0 * op.bandwidth_share
+            )?;
+        }
+        writeln!(
+            f,
+            "    {:<24} {:.1} % of its roofline",
+            "sdf field, both",
+            100.0 * self.roofline_share
+        )?;
+        writeln!(
+            f,
+            "step at the paper's sizes: {:.1} ms, {:.0} samples/s",
+            self.step_ms, self.trained_samples_per_s
+        )?;
+        let Some(steps) = &self.default_preset else {
+            return Ok(());
+        };
+        for (name, step) in [
+            ("the background alone", &steps.background_alone),
+            ("both fields", &steps.both_fields),
+        ] {
+            writeln!(
+                f,
+                "default preset, {name}: {:.1} ms for {:.0} samples, {:.0} samples/s",
+                step.step_ms, step.samples_per_step, step.trained_samples_per_s
+            )?;
+        }
+        Ok(())
+    }
+}
