@@ -2,6 +2,7 @@
 
 mod clearance;
 mod depth_range;
+pub mod edge_contrast;
 pub mod error;
 pub mod frame;
 pub mod locate;

@@ -8,8 +8,17 @@
 //! FoCoR's matte agree there.
 //!
 //! A matte that follows a mask comes to agree with it, however wrong the mask is. So every fourth tile is
-//! never followed, another one in each view, and by those alone it is said how exact masks are: exact masks
+//! not followed, another one in each view, and by those alone it is said how exact masks are: exact masks
 //! move the surface to where the others, too, see it end; rough ones do not.
+//!
+//! Where the surface itself is too large, as before a dark ground that could as well be the object's, masks
+//! may be better than all of it. Those that are show in their photos: their outlines lie on edges.
+
+use rayon::prelude::*;
+
+use super::Trainer;
+use crate::prepare::Prepared;
+use crate::prepare::edge_contrast::edge_contrast;
 
 /// Tiles along the longer side of a picture.
 const TILES: u32 = 24;
@@ -24,6 +33,11 @@ const EXACT: f32 = 0.05;
 /// do (docs/decisions.md).
 const LEAST_EXACT: f32 = 0.3;
 const MOSTLY_EXACT: f32 = 0.38;
+/// How much stronger the photo's edges have to be along a mask's outline than beside it
+/// ([`edge_contrast`](crate::prepare::edge_contrast)) for any trust, and for full. Rough masks have up to 2, exact ones
+/// 2 to 5 (docs/decisions.md).
+const LEAST_CONTRAST: f32 = 2.5;
+const FULL_CONTRAST: f32 = 3.2;
 /// Rays below which nothing is known about a tile.
 const LEAST_RAYS: f32 = 6.0;
 /// A tile holds outline where this share of it at least is object, and likewise not.
@@ -113,8 +127,9 @@ impl Agreement {
         tile.differ += f32::from(u8::from(object != (matte > 0.5)));
     }
 
-    /// Draws conclusions from the rays so far, and has them count less from now on.
-    pub fn update(&mut self) {
+    /// Draws conclusions from the rays so far, and has them count less from now on. `contrasts` are those of the
+    /// views' masks with the photos, where they are known.
+    pub fn update(&mut self, contrasts: &[Option<f32>]) {
         let views = || self.tiles.chunks(tiles()).enumerate();
         // No more than all views together: among masks that are rough on the whole, one that happens to
         // agree better is not more exact.
@@ -126,11 +141,15 @@ impl Agreement {
         let exact: Vec<Option<f32>> = views().map(|(_, tiles)| exact_share(tiles)).collect();
         for (number, (tiles, exact)) in self.tiles.chunks_mut(tiles()).zip(exact).enumerate() {
             let view = exact.map_or(0.0, |share| ramp(share.min(all), LEAST_EXACT, MOSTLY_EXACT));
+            // The photo says so, whatever the surface does: that needs no tiles to be left alone.
+            let contrast = contrasts.get(number).copied().flatten();
+            let by_photo = contrast.map_or(0.0, trust_by_photo);
             for (i, tile) in tiles.iter_mut().enumerate() {
-                let trust = tile
+                let by_surface = if is_control(number, i) { 0.0 } else { view };
+                let mask = by_surface.max(by_photo);
+                tile.trust = tile
                     .difference()
-                    .map_or(0.0, |differ| view * ramp(differ, FAR, NEAR));
-                tile.trust = if is_control(number, i) { 0.0 } else { trust };
+                    .map_or(0.0, |differ| mask * ramp(differ, FAR, NEAR));
                 for sum in [
                     &mut tile.rays,
                     &mut tile.mask,
@@ -191,6 +210,38 @@ fn exact_share<'a>(tiles: impl IntoIterator<Item = &'a Tile>) -> Option<f32> {
     (all > 0.0).then(|| exact / all)
 }
 
+/// How far a mask is trusted for its contrast with the photo.
+fn trust_by_photo(contrast: f32) -> f32 {
+    ramp(contrast, LEAST_CONTRAST, FULL_CONTRAST)
+}
+
+impl Trainer {
+    /// Finds out which masks' outlines lie on edges of their photos, if nobody has yet.
+    pub(super) fn look_at_outlines(&mut self, data: &Prepared) {
+        if self.mask_contrasts.is_empty() {
+            self.mask_contrasts = data.views.par_iter().map(edge_contrast).collect();
+        }
+    }
+
+    /// Just before the carving, what the photos' edges tell of the masks, for people; `None` where there are no
+    /// masks or none will be followed.
+    pub fn contrast_note(&mut self, data: &Prepared) -> Option<String> {
+        if !self.is_carving_due() || self.config().loss.mask_trusted == 0.0 {
+            return None;
+        }
+        self.look_at_outlines(data);
+        let mut known: Vec<f32> = self.mask_contrasts.iter().flatten().copied().collect();
+        known.sort_by(f32::total_cmp);
+        let middle = known.get(known.len() / 2)?;
+        let exact = known.iter().filter(|c| trust_by_photo(**c) > 0.0).count();
+        Some(format!(
+            "photos change {middle:.1} times as much along their masks' outlines as beside them, in the middle \
+             view; {exact} of {} masks are exact enough to be followed for that",
+            known.len()
+        ))
+    }
+}
+
 /// 0 at `from`, 1 at `to`, between in between.
 fn ramp(value: f32, from: f32, to: f32) -> f32 {
     ((value - from) / (to - from)).clamp(0.0, 1.0)
@@ -227,7 +278,7 @@ mod tests {
             });
         }
         assert_eq!(trust(&agreement, 0, -60, 0), 0.0);
-        agreement.update();
+        agreement.update(&[]);
         assert_eq!(trust(&agreement, 0, -60, 0), 1.0);
         assert_eq!(trust(&agreement, 0, 80, 10), 0.0);
         // An exact tile that is not followed.
@@ -242,7 +293,7 @@ mod tests {
     fn masks_that_are_too_small_all_around_are_not_trusted_anywhere() {
         let mut agreement = Agreement::new(1);
         look(&mut agreement, 0, |u, v| u.hypot(v) < 55.0);
-        agreement.update();
+        agreement.update(&[]);
         for (u, v) in [(-58, 0), (0, 58), (41, 41), (0, 0)] {
             assert_eq!(trust(&agreement, 0, u, v), 0.0, "{u} {v}");
         }
@@ -265,7 +316,7 @@ mod tests {
                     u.hypot(v) < 60.0 + off
                 });
             }
-            agreement.update();
+            agreement.update(&[]);
             // The third sector's middle.
             let angle = (2.5 / 20.0 - 0.5) * std::f32::consts::TAU;
             let (u, v) = ((60.0 * angle.cos()) as i32, (60.0 * angle.sin()) as i32);
@@ -279,8 +330,23 @@ mod tests {
         look(&mut agreement, 0, |u, v| u.hypot(v) < 60.0);
         look(&mut agreement, 1, |u, v| u.hypot(v) < 54.0);
         look(&mut agreement, 2, |u, v| u.hypot(v) < 66.0);
-        agreement.update();
+        agreement.update(&[]);
         assert_eq!(trust(&agreement, 0, -60, 0), 0.0);
+    }
+
+    #[test]
+    fn masks_on_edges_of_the_photo_are_followed_where_the_surface_is_near() {
+        let mut agreement = Agreement::new(3);
+        for view in 0..3 {
+            // One and a half pixels off all around, but for a part that is missing.
+            look(&mut agreement, view, |u, v| u.hypot(v) < 58.5 && v < 40.0);
+        }
+        agreement.update(&[Some(4.0), Some(2.0), None]);
+        for view in 0..3 {
+            let near = trust(&agreement, view, -59, 0);
+            assert_eq!(near > 0.0, view == 0, "{near}");
+            assert_eq!(trust(&agreement, view, 0, 50), 0.0);
+        }
     }
 
     #[test]

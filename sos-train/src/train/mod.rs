@@ -76,6 +76,8 @@ pub struct Trainer {
     sparse_points: Vec<Vec3>,
     votes: SurfaceVotes,
     agreement: Agreement,
+    /// Of each view's mask with its photo; empty until somebody asks.
+    mask_contrasts: Vec<Option<f32>>,
     /// By how many pixels each view's mask was moved outwards.
     mask_shifts: Vec<f32>,
     sampler: Sampler,
@@ -196,7 +198,7 @@ impl Trainer {
         if both && config.model.probability == ProbabilitySource::Surface {
             self.vote(data, &gathered.votes);
         }
-        self.compare_masks(&batch, &gathered.mattes);
+        self.compare_masks(data, &batch, &gathered.mattes);
         self.clock.lap(Phase::Vote);
         self.learn(
             &batch,
@@ -317,7 +319,7 @@ impl Trainer {
     }
 
     /// Compares the batch's mattes with the masks, once there is an object to speak of.
-    fn compare_masks(&mut self, batch: &RayBatch, mattes: &[f32]) {
+    fn compare_masks(&mut self, data: &Prepared, batch: &RayBatch, mattes: &[f32]) {
         let config = &self.context.config;
         let settled = schedule::carve_step(config) + (SETTLING * config.steps as f32) as u32;
         if config.loss.mask_trusted == 0.0 || self.step < settled {
@@ -331,7 +333,8 @@ impl Trainer {
             }
         }
         if self.step.is_multiple_of(VOTES_EVERY) {
-            self.agreement.update();
+            self.look_at_outlines(data);
+            self.agreement.update(&self.mask_contrasts);
         }
     }
 

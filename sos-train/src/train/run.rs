@@ -298,7 +298,12 @@ fn train(
                 return Err(error.into());
             }
         };
-        for note in fitted.into_iter().chain(trainer.majority_note()) {
+        let edges = trainer.contrast_note(data);
+        for note in fitted
+            .into_iter()
+            .chain(trainer.majority_note())
+            .chain(edges)
+        {
             progress.note(&note);
             log.note(trainer.step_number(), &note)?;
         }

@@ -163,6 +163,7 @@ impl Trainer {
             sparse_points: scene.points.clone(),
             votes: SurfaceVotes::new(scene.map.resolution()),
             agreement: Agreement::new(scene.views.len()),
+            mask_contrasts: Vec::new(),
             mask_shifts: vec![0.0; scene.views.len()],
             sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
             step: 0,

@@ -1,0 +1,161 @@
+//! Whether a mask's outline lies where its photo has edges.
+//!
+//! The outline of an exact mask is where the photo changes, two to five times as much as a few pixels
+//! beside it. That of a blob around the object, or of a mask that is too small or too large, is anywhere.
+
+use image::imageops::thumbnail;
+
+use super::view::TrainView;
+use crate::distance::signed_distance;
+
+/// Photos are looked at with no more pixels than so many along their longer side: larger ones are soft.
+const LONGEST: u32 = 1000;
+/// Pixels from the outline that are on it, and those that are beside it.
+const ON: f32 = 1.0;
+const BESIDE: std::ops::Range<f32> = 3.0..9.0;
+/// Pixels on the outline below which nothing is known.
+const FEWEST: usize = 50;
+
+/// How many times as strong the photo's edges are along its mask's outline as beside it; `None` without a
+/// mask, or where there is too little outline.
+#[must_use]
+pub fn edge_contrast(view: &TrainView) -> Option<f32> {
+    let mask = view.mask.as_ref()?.picture();
+    let factor = view.width().max(view.height()).div_ceil(LONGEST);
+    let (width, height) = (view.width() / factor, view.height() / factor);
+    if width < 3 || height < 3 {
+        return None;
+    }
+    let (photo, mask) = (
+        thumbnail(&view.photo, width, height),
+        thumbnail(&mask, width, height),
+    );
+    let inside: Vec<bool> = mask.pixels().map(|pixel| pixel.0[0] >= 128).collect();
+    let shape = [width as usize, height as usize];
+    let distances = signed_distance(&inside, &shape, BESIDE.end as usize + 1);
+    let strength = |x: u32, y: u32| -> f32 {
+        let at = |dx: u32, dy: u32, channel: usize| {
+            f32::from(photo.get_pixel(x + dx - 1, y + dy - 1).0[channel])
+        };
+        // Sobel's operator.
+        let squared = |channel: usize| {
+            let across = |of: &dyn Fn(u32, u32) -> f32| {
+                (of(2, 0) + 2.0 * of(2, 1) + of(2, 2)) - (of(0, 0) + 2.0 * of(0, 1) + of(0, 2))
+            };
+            let x = across(&|dx, dy| at(dx, dy, channel));
+            let y = across(&|dx, dy| at(dy, dx, channel));
+            x * x + y * y
+        };
+        (0..3).map(squared).sum::<f32>().sqrt()
+    };
+    let (mut on, mut beside) = (Mean::default(), Mean::default());
+    for y in 1..height - 1 {
+        for x in 1..width - 1 {
+            let distance = distances[(y * width + x) as usize].abs();
+            let mean = if distance < ON {
+                &mut on
+            } else if BESIDE.contains(&distance) {
+                &mut beside
+            } else {
+                continue;
+            };
+            if !view.ignores(x * factor, y * factor) {
+                mean.add(strength(x, y));
+            }
+        }
+    }
+    let (on, beside) = (on.get(FEWEST)?, beside.get(FEWEST)?);
+    (beside > 0.0).then_some(on / beside)
+}
+
+#[derive(Default)]
+struct Mean {
+    sum: f64,
+    count: usize,
+}
+
+impl Mean {
+    fn add(&mut self, value: f32) {
+        self.sum += f64::from(value);
+        self.count += 1;
+    }
+
+    /// Of at least so many.
+    fn get(&self, fewest: usize) -> Option<f32> {
+        (self.count >= fewest).then(|| (self.sum / self.count as f64) as f32)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use glam::{DQuat, DVec3};
+    use image::{GrayImage, Luma, Rgb, RgbImage};
+    use io_colmap::{Camera, CameraModel, Pose};
+
+    use super::*;
+    use crate::prepare::pixels::PixelStore;
+    use crate::prepare::view::Lens;
+
+    /// A photo of a disc on a ground with a pattern, and a mask of another radius.
+    fn view(mask: impl Fn(f32, f32) -> bool) -> TrainView {
+        let store = PixelStore::new(&std::env::temp_dir());
+        let (width, height) = (160, 120);
+        let at = |x: u32, y: u32| (x as f32 - 80.0, y as f32 - 60.0);
+        let photo = RgbImage::from_fn(width, height, |x, y| {
+            let (u, v) = at(x, y);
+            let pattern = (8.0 * ((x as f32 * 0.7).sin() + (y as f32 * 0.9).cos())) as i32;
+            let base = if u.hypot(v) < 40.0 { 170 } else { 90 };
+            Rgb([(base + pattern) as u8; 3])
+        });
+        let picture = GrayImage::from_fn(width, height, |x, y| {
+            let (u, v) = at(x, y);
+            Luma([if mask(u, v) { 255 } else { 0 }])
+        });
+        TrainView {
+            name: "disc".to_owned(),
+            lens: Lens(Camera {
+                id: 1,
+                model: CameraModel::Pinhole,
+                width,
+                height,
+                params: vec![200.0, 200.0, 80.0, 60.0],
+            }),
+            camera_from_world: Pose {
+                rotation: DQuat::IDENTITY,
+                translation: DVec3::ZERO,
+            },
+            photo: store.keep_photo(photo).unwrap(),
+            mask: None,
+            ignored: None,
+            store,
+        }
+        .with_mask(&picture)
+        .unwrap()
+    }
+
+    #[test]
+    fn an_exact_outline_lies_on_edges_and_others_do_not() {
+        let exact = edge_contrast(&view(|u, v| u.hypot(v) < 40.0)).unwrap();
+        assert!(exact > 3.0, "{exact}");
+        for radius in [34.0, 46.0] {
+            let off = edge_contrast(&view(|u, v| u.hypot(v) < radius)).unwrap();
+            assert!(off < 1.0, "{radius}: {off}");
+        }
+        // Rough as a blob is.
+        let blob = |u: f32, v: f32| u.hypot(v) < 40.0 + 5.0 * (5.0 * v.atan2(u)).sin();
+        let blob = edge_contrast(&view(blob)).unwrap();
+        assert!(blob < 2.0, "{blob}");
+    }
+
+    #[test]
+    fn nothing_is_said_without_an_outline() {
+        assert_eq!(edge_contrast(&view(|_, _| false)), None);
+        assert_eq!(edge_contrast(&view(|_, _| true)), None);
+        let bare = TrainView {
+            mask: None,
+            ..view(|_, _| true)
+        };
+        assert_eq!(edge_contrast(&bare), None);
+    }
+}
