@@ -338,8 +338,8 @@ mod tests {
     fn masks_on_edges_of_the_photo_are_followed_where_the_surface_is_near() {
         let mut agreement = Agreement::new(3);
         for view in 0..3 {
-            // One and a half pixels off all around, but for a part that is missing.
-            look(&mut agreement, view, |u, v| u.hypot(v) < 58.5 && v < 40.0);
+            // A pixel off all around, and a part is missing.
+            look(&mut agreement, view, |u, v| u.hypot(v) < 59.0 && v < 40.0);
         }
         agreement.update(&[Some(4.0), Some(2.0), None]);
         for view in 0..3 {
