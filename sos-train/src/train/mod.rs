@@ -111,7 +111,7 @@ impl StepReport {
     /// Whether every loss is a number.
     #[must_use]
     pub fn is_finite(&self) -> bool {
-        self.losses.total.is_finite() && self.losses.mse.is_finite()
+        self.losses.is_finite()
     }
 
     /// Peak signal-to-noise ratio of the batch in dB.

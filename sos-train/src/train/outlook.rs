@@ -7,10 +7,10 @@
 use burn::tensor::Device;
 use scene_decomp::FrozenSurface;
 
+use super::Trainer;
 use super::ledger::Ledger;
 use super::step::{StepLosses, StepSchedule};
 use super::visible::FrozenFields;
-use super::{StepReport, Trainer};
 
 /// Steps of a GPU between two looks at what it has learnt and at its losses.
 const LAG: u32 = 16;
@@ -125,12 +125,8 @@ impl Trainer {
         self.outlook.see(self.step, now)
     }
 
-    /// Waits until the device has done all steps; `false` where one of the last ones' losses is no number.
-    pub fn settle(&mut self) -> bool {
-        let report = StepReport {
-            losses: self.outlook.settle(),
-            ..StepReport::default()
-        };
-        report.is_finite()
+    /// Waits until the device has done all steps. Returns the mean losses since somebody last asked.
+    pub fn settle(&mut self) -> StepLosses {
+        self.outlook.settle()
     }
 }

@@ -391,7 +391,7 @@ fn train(
         let seconds = earlier_seconds + (started.elapsed() - paused).as_secs_f64();
         if interrupted {
             // The checkpoint that is there is better than one of fields that are no numbers.
-            if trainer.settle() {
+            if trainer.settle().is_finite() {
                 trainer.save(&job.run, seconds)?;
             }
             return Ok(TrainOutcome::Interrupted { step });

@@ -89,6 +89,14 @@ pub struct StepLosses {
     pub mse: f32,
 }
 
+impl StepLosses {
+    /// Whether they are numbers.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.total.is_finite() && self.mse.is_finite()
+    }
+}
+
 /// Rows of a list as a tensor without gradient.
 pub(super) fn constant(values: &[f32], columns: usize, device: &Device) -> Tensor<2> {
     let rows = values.len().checked_div(columns).unwrap_or(0);

@@ -2,11 +2,12 @@
 
 use gpu_tensors::cubecl;
 use gpu_tensors::{
-    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, Packed, PointMatrix, buffer, column_sums,
-    exp_m1, fresh, from_slice, has_native_sum, layer_gradients, ln_1p, padded, read, sigmoid,
-    softplus, units_for, zeros,
+    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, Packed, PointMatrix, Rates, buffer,
+    column_sums, exp_m1, fresh, from_slice, has_native_sum, layer_gradients, ln_1p, padded, read,
+    sigmoid, softplus, units_for, zeros,
 };
 
+use burn::tensor::Device;
 use cubecl::prelude::*;
 
 use crate::support::{Random, assert_close, gpu, tensor};
@@ -20,6 +21,18 @@ fn on_gpu(values: &[f32], shape: [usize; 2]) -> Option<CubeTensor> {
         panic!("the device under test is not CubeCL's");
     };
     Some(from_slice(&like.float(), values, shape))
+}
+
+#[test]
+fn a_device_has_rates_and_the_cpu_is_none() {
+    let Some(device) = gpu() else {
+        return;
+    };
+    // Small buffers, for speed; what is fast does not matter here.
+    let rates = Rates::measure(&device, Some(4 << 20)).unwrap().unwrap();
+    assert!(rates.copy_gbs > 0.01 && rates.copy_gbs < 1e6, "{rates:?}");
+    assert!(rates.gflops > 0.1 && rates.gflops < 1e7, "{rates:?}");
+    assert_eq!(Rates::measure(&Device::flex(), None), Ok(None));
 }
 
 #[cube(launch_unchecked)]
