@@ -94,7 +94,7 @@ pub struct Trainer {
 /// What one step did.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub struct StepReport {
-    /// The losses; zero when the batch was empty.
+    /// The losses; zero when the batch was empty. On a GPU those that were read last, the mean of some steps.
     #[serde(flatten)]
     pub losses: StepLosses,
     /// Rays in the batch.

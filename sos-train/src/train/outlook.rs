@@ -1,8 +1,8 @@
 //! What a training step knows of fields that are learnt elsewhere.
 //!
 //! Which samples light reaches is asked on the CPU, also while a GPU trains: of a copy of both fields that
-//! is some steps old. So the GPU's queue never runs empty for an answer, and the next batch is
-//! gathered while it works on this one. Occupancy, which follows the same copy, changes no faster.
+//! is some steps old. The next batch is gathered while the GPU works on this one, and nobody waits for
+//! the other but when the copy is made. Occupancy, which follows the same copy, changes no faster.
 
 use burn::tensor::Device;
 use scene_decomp::FrozenSurface;
