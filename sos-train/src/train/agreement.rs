@@ -140,12 +140,13 @@ impl Agreement {
             tiles.filter_map(move |(i, tile)| is_control(view, i).then_some(tile))
         });
         let all = exact_share(control).unwrap_or(0.0);
+        let middle = middle(contrasts);
         let exact: Vec<Option<f32>> = views().map(|(_, tiles)| exact_share(tiles)).collect();
         for (number, (tiles, exact)) in self.tiles.chunks_mut(tiles()).zip(exact).enumerate() {
             let view = exact.map_or(0.0, |share| ramp(share.min(all), LEAST_EXACT, MOSTLY_EXACT));
             // The photo says so, whatever the surface does: that needs no tiles to be left alone.
-            let contrast = contrasts.get(number).copied().flatten();
-            let by_photo = contrast.map_or(0.0, trust_by_photo);
+            let contrast = contrasts.get(number).copied().flatten().zip(middle);
+            let by_photo = contrast.map_or(0.0, |(own, middle)| trust_by_photo(own.min(middle)));
             for (i, tile) in tiles.iter_mut().enumerate() {
                 let by_surface = if is_control(number, i) { 0.0 } else { view };
                 tile.trust = tile.difference().map_or(0.0, |differ| {
@@ -212,6 +213,13 @@ fn exact_share<'a>(tiles: impl IntoIterator<Item = &'a Tile>) -> Option<f32> {
     (all > 0.0).then(|| exact / all)
 }
 
+/// The middle one of those that are known.
+fn middle(contrasts: &[Option<f32>]) -> Option<f32> {
+    let mut known: Vec<f32> = contrasts.iter().flatten().copied().collect();
+    known.sort_by(f32::total_cmp);
+    known.get(known.len() / 2).copied()
+}
+
 /// How far a mask is trusted for its contrast with the photo.
 fn trust_by_photo(contrast: f32) -> f32 {
     ramp(contrast, LEAST_CONTRAST, FULL_CONTRAST)
@@ -232,14 +240,20 @@ impl Trainer {
             return None;
         }
         self.look_at_outlines(data);
-        let mut known: Vec<f32> = self.mask_contrasts.iter().flatten().copied().collect();
-        known.sort_by(f32::total_cmp);
-        let middle = known.get(known.len() / 2)?;
-        let exact = known.iter().filter(|c| trust_by_photo(**c) > 0.0).count();
+        let middle = middle(&self.mask_contrasts)?;
+        let known = self.mask_contrasts.iter().flatten();
+        let (all, exact) = (
+            known.clone().count(),
+            known.filter(|c| trust_by_photo(**c) > 0.0).count(),
+        );
+        let what = if trust_by_photo(middle) > 0.0 {
+            "they are followed for that"
+        } else {
+            "too few to follow any for that"
+        };
         Some(format!(
             "photos change {middle:.1} times as much along their masks' outlines as beside them, in the middle \
-             view; {exact} of {} masks are exact enough to be followed for that",
-            known.len()
+             view; {exact} of {all} masks are exact by that: {what}"
         ))
     }
 }
@@ -343,11 +357,15 @@ mod tests {
             // A pixel off all around, and a part is missing.
             look(&mut agreement, view, |u, v| u.hypot(v) < 59.0 && v < 40.0);
         }
-        agreement.update(&[Some(4.0), Some(2.0), None]);
+        let mut rough = agreement.clone();
+        agreement.update(&[Some(4.0), Some(4.0), None]);
+        // One that happens to lie on edges is no better than the others.
+        rough.update(&[Some(4.0), Some(2.0), Some(1.0)]);
         for view in 0..3 {
             let near = trust(&agreement, view, -59, 0);
-            assert_eq!(near > 0.0, view == 0, "{near}");
+            assert_eq!(near > 0.0, view < 2, "{near}");
             assert_eq!(trust(&agreement, view, 0, 50), 0.0);
+            assert_eq!(trust(&rough, view, -59, 0), 0.0);
         }
     }
 
