@@ -40,6 +40,9 @@ const MOSTLY_EXACT: f32 = 0.38;
 /// 2 to 5 (docs/decisions.md).
 const LEAST_CONTRAST: f32 = 2.5;
 const FULL_CONTRAST: f32 = 3.2;
+/// Up to this in the middle view no mask is trusted for its photo: one that happens to lie on edges is no better than
+/// the others.
+const MOSTLY_ROUGH: f32 = 2.2;
 /// Rays below which nothing is known about a tile.
 const LEAST_RAYS: f32 = 6.0;
 /// A tile holds outline where this share of it at least is object, and likewise not.
@@ -146,7 +149,9 @@ impl Agreement {
             let view = exact.map_or(0.0, |share| ramp(share.min(all), LEAST_EXACT, MOSTLY_EXACT));
             // The photo says so, whatever the surface does: that needs no tiles to be left alone.
             let contrast = contrasts.get(number).copied().flatten().zip(middle);
-            let by_photo = contrast.map_or(0.0, |(own, middle)| trust_by_photo(own.min(middle)));
+            let by_photo = contrast.map_or(0.0, |(own, middle)| {
+                trust_by_photo(own) * ramp(middle, MOSTLY_ROUGH, LEAST_CONTRAST)
+            });
             for (i, tile) in tiles.iter_mut().enumerate() {
                 let by_surface = if is_control(number, i) { 0.0 } else { view };
                 tile.trust = tile.difference().map_or(0.0, |differ| {
@@ -246,7 +251,7 @@ impl Trainer {
             known.clone().count(),
             known.filter(|c| trust_by_photo(**c) > 0.0).count(),
         );
-        let what = if trust_by_photo(middle) > 0.0 {
+        let what = if middle > MOSTLY_ROUGH {
             "they are followed for that"
         } else {
             "too few to follow any for that"
@@ -359,7 +364,7 @@ mod tests {
         }
         let mut rough = agreement.clone();
         agreement.update(&[Some(4.0), Some(4.0), None]);
-        // One that happens to lie on edges is no better than the others.
+        // Most are rough.
         rough.update(&[Some(4.0), Some(2.0), Some(1.0)]);
         for view in 0..3 {
             let near = trust(&agreement, view, -59, 0);
