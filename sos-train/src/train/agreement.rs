@@ -26,8 +26,6 @@ const TILES: u32 = 24;
 /// none. An outline that is off by `d` pixels costs `d / side` of its tile.
 const NEAR: f32 = 0.08;
 const FAR: f32 = 0.18;
-/// The same where the photo says that the mask's outline is exact: none from here on, full up to [`FAR`].
-const FARTHER: f32 = 0.35;
 /// The same for an outline that is exact, to a pixel or so.
 const EXACT: f32 = 0.05;
 /// Shares of the outline's tiles that are exact, from which a mask is trusted at all, and fully: where
@@ -154,10 +152,10 @@ impl Agreement {
             });
             for (i, tile) in tiles.iter_mut().enumerate() {
                 let by_surface = if is_control(number, i) { 0.0 } else { view };
-                tile.trust = tile.difference().map_or(0.0, |differ| {
-                    let by_surface = by_surface * ramp(differ, FAR, NEAR);
-                    by_surface.max(by_photo * ramp(differ, FARTHER, FAR))
-                });
+                let mask = by_surface.max(by_photo);
+                tile.trust = tile
+                    .difference()
+                    .map_or(0.0, |differ| mask * ramp(differ, FAR, NEAR));
                 for sum in [
                     &mut tile.rays,
                     &mut tile.mask,
