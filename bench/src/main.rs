@@ -106,6 +106,10 @@ fn run(options: &Options) -> Result<()> {
     let say = |what: &str| eprintln!("measuring {what} …");
     #[cfg(feature = "gpu")]
     if !chosen.is_cpu {
+        anyhow::ensure!(
+            !options.against_torch,
+            "--against-torch compares steps on the CPU; leave out --device, or --against-torch"
+        );
         say(&chosen.name);
         let report = on_device::measure(&chosen, &options.device, sizes, options.default_steps)?;
         return answer(options, &report);

@@ -21,7 +21,7 @@ use sos_train::device::ChosenDevice;
 use crate::equal::{self, Sizes};
 use crate::fields::{Cost, OpSizes, VALUE, ray_points, surface_config};
 use crate::predict::OPTIMISER_VALUES;
-use crate::steps::{self, DefaultSteps, StepFigures};
+use crate::steps::{self, StepFigures};
 
 /// Calls between two looks at the clock, and such measurements, of which the fastest counts.
 const CALLS: u32 = 4;
@@ -38,8 +38,34 @@ pub(crate) struct DeviceReport {
     peak_gflops: f64,
     peak_gbs: f64,
     ops: Vec<DeviceOp>,
-    step: StepFigures,
-    default_preset: Option<DefaultSteps>,
+    default_preset: Option<DeviceDefault>,
+}
+
+/// Steps of one kind. A step is over on the CPU before the device has done it, so that only the time of many
+/// tells, and phases by the CPU's clock tell nothing.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct DeviceSteps {
+    samples_per_step: f64,
+    /// The mean.
+    step_ms: f64,
+    trained_samples_per_s: f64,
+}
+
+impl From<StepFigures> for DeviceSteps {
+    fn from(steps: StepFigures) -> Self {
+        Self {
+            samples_per_step: steps.samples_per_step,
+            step_ms: 1e3 * steps.samples_per_step / steps.trained_samples_per_s,
+            trained_samples_per_s: steps.trained_samples_per_s,
+        }
+    }
+}
+
+/// A short run of the default preset.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct DeviceDefault {
+    background_alone: DeviceSteps,
+    both_fields: DeviceSteps,
 }
 
 /// One op in one direction, at as many points as a step of the paper's sizes has.
@@ -68,10 +94,14 @@ pub(crate) fn measure(
         device: &chosen.device,
     };
     let ops = bench.ops(sizes)?;
-    let step = equal::measure(sizes, name)?;
+    let step = DeviceSteps::from(equal::measure(sizes, name)?);
     let default_preset = (default_steps > 0)
         .then(|| steps::measure(default_steps, name))
-        .transpose()?;
+        .transpose()?
+        .map(|steps| DeviceDefault {
+            background_alone: steps.background_alone.into(),
+            both_fields: steps.both_fields.into(),
+        });
     let of_sdf = || ops.iter().filter(|op| op.name.starts_with("sdf"));
     let least = |op: &DeviceOp| op.ms * op.arithmetic_share.max(op.bandwidth_share);
     Ok(DeviceReport {
@@ -82,7 +112,6 @@ pub(crate) fn measure(
         peak_gflops: rates.gflops,
         peak_gbs: rates.copy_gbs,
         ops,
-        step,
         default_preset,
     })
 }

@@ -57,6 +57,7 @@ pub mod error;
 pub mod export;
 pub mod job;
 pub mod live;
+mod median;
 pub mod memory;
 pub mod prepare;
 pub mod progress;

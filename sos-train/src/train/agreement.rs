@@ -17,6 +17,7 @@
 use rayon::prelude::*;
 
 use super::Trainer;
+use crate::median::median;
 use crate::prepare::Prepared;
 use crate::prepare::edge_contrast::edge_contrast;
 
@@ -219,8 +220,7 @@ fn exact_share<'a>(tiles: impl IntoIterator<Item = &'a Tile>) -> Option<f32> {
 /// The middle one of those that are known.
 fn middle(contrasts: &[Option<f32>]) -> Option<f32> {
     let mut known: Vec<f32> = contrasts.iter().flatten().copied().collect();
-    known.sort_by(f32::total_cmp);
-    known.get(known.len() / 2).copied()
+    median(&mut known)
 }
 
 /// How far a mask is trusted for its contrast with the photo.

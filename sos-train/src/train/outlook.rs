@@ -38,12 +38,7 @@ impl Outlook {
 
     /// What was seen of other fields than those of now.
     pub(super) fn forget(&mut self) {
-        *self = Self {
-            fields: None,
-            unread: Vec::new(),
-            losses: StepLosses::default(),
-            lag: self.lag,
-        };
+        *self = Self::new(self.lag == 1);
     }
 
     /// What was seen of the fields, unless it is time at `step` to [`see`](Self::see) them again.

@@ -11,6 +11,7 @@ use scene_decomp::SurfaceVotes;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::depth::{DepthPicture, depth_picture, depth_pictures};
+use crate::median::median;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask_shift::outline_distance;
 use crate::prepare::{Prepared, TrainView};
@@ -67,15 +68,14 @@ impl Trainer {
         let moved = self.mask_shifts.iter().zip(before);
         let moved = moved.map(|(now, before)| now - before);
         let mut sizes: Vec<f32> = moved.filter(|by| *by != 0.0).collect();
-        sizes.sort_by(f32::total_cmp);
-        let Some(&median) = sizes.get(sizes.len() / 2) else {
+        let Some(middle) = median(&mut sizes) else {
             return Ok(None);
         };
         Ok(Some(format!(
             "masks are too {} all around, by {:.1} pixels in the middle view, and are moved {}",
-            if median > 0.0 { "small" } else { "large" },
-            median.abs(),
-            if median > 0.0 { "outwards" } else { "inwards" },
+            if middle > 0.0 { "small" } else { "large" },
+            middle.abs(),
+            if middle > 0.0 { "outwards" } else { "inwards" },
         )))
     }
 }
@@ -221,12 +221,6 @@ fn cast(data: &Prepared, depths: &[DepthPicture], resolution: usize) -> SurfaceV
         }
     }
     votes
-}
-
-/// The middle value; sorts the list. `None` of an empty one.
-fn median(values: &mut [f32]) -> Option<f32> {
-    values.sort_by(f32::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 #[cfg(test)]
