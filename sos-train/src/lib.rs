@@ -64,5 +64,6 @@ pub mod progress;
 pub mod render;
 pub mod report;
 pub mod run_folder;
+mod snap;
 pub mod train;
 mod words;

@@ -112,7 +112,7 @@ pub const RIVALS: [Row; 3] = [
 ];
 
 /// The default preset with another choice for one of its settings.
-pub const DECISIONS: [Row; 19] = [
+pub const DECISIONS: [Row; 20] = [
     choice("alpha-head", "alpha: the network's", &["model.alpha=head"]),
     choice("alpha-both", "alpha: both", &["model.alpha=both"]),
     choice("blend-ray", "blend per ray", &["model.blend=ray"]),
@@ -146,6 +146,11 @@ pub const DECISIONS: [Row; 19] = [
         "levels",
         "all levels at once",
         &["schedule.first_levels=32"],
+    ),
+    choice(
+        "surface-outline",
+        "mattes end where the surface does",
+        &["export.follow_photos=false"],
     ),
     choice("squares", "squared colour loss", &["loss.colour=l2"]),
 ];

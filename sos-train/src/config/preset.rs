@@ -122,6 +122,7 @@ fn default() -> TrainConfig {
         export: ExportConfig {
             edge_rays: 8,
             mesh_resolution: 256,
+            follow_photos: true,
             fill_unseen: true,
             preview_every: 500,
             checkpoint_every: 1000,
@@ -154,6 +155,7 @@ fn quick() -> TrainConfig {
         export: ExportConfig {
             edge_rays: 4,
             mesh_resolution: 160,
+            follow_photos: true,
             fill_unseen: true,
             preview_every: 250,
             checkpoint_every: 500,
@@ -224,6 +226,7 @@ fn paper() -> TrainConfig {
         export: ExportConfig {
             edge_rays: 16,
             mesh_resolution: 512,
+            follow_photos: false,
             fill_unseen: false,
             preview_every: 1000,
             checkpoint_every: 5000,

@@ -270,6 +270,8 @@ pub struct ExportConfig {
     pub edge_rays: u32,
     /// Cells along the longest side of the box when the mesh is cut.
     pub mesh_resolution: u32,
+    /// Mattes end where their photo shows an outline, if that is close by (see `render::photo_outline`).
+    pub follow_photos: bool,
     /// Where no view saw what the object hid, plates are filled in from around.
     pub fill_unseen: bool,
     /// Steps between two previews; 0 for none.

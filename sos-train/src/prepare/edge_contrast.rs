@@ -7,9 +7,8 @@ use image::imageops::thumbnail;
 
 use super::view::TrainView;
 use crate::distance::signed_distance;
+use crate::snap::{LONGEST, edge_strength};
 
-/// Photos are looked at with no more pixels than so many along their longer side: larger ones are soft.
-const LONGEST: u32 = 1000;
 /// Pixels from the outline that are on it, and those that are beside it.
 const ON: f32 = 1.0;
 const BESIDE: std::ops::Range<f32> = 3.0..9.0;
@@ -33,21 +32,6 @@ pub fn edge_contrast(view: &TrainView) -> Option<f32> {
     let inside: Vec<bool> = mask.pixels().map(|pixel| pixel.0[0] >= 128).collect();
     let shape = [width as usize, height as usize];
     let distances = signed_distance(&inside, &shape, BESIDE.end as usize + 1);
-    let strength = |x: u32, y: u32| -> f32 {
-        let at = |dx: u32, dy: u32, channel: usize| {
-            f32::from(photo.get_pixel(x + dx - 1, y + dy - 1).0[channel])
-        };
-        // Sobel's operator.
-        let squared = |channel: usize| {
-            let across = |of: &dyn Fn(u32, u32) -> f32| {
-                (of(2, 0) + 2.0 * of(2, 1) + of(2, 2)) - (of(0, 0) + 2.0 * of(0, 1) + of(0, 2))
-            };
-            let x = across(&|dx, dy| at(dx, dy, channel));
-            let y = across(&|dx, dy| at(dy, dx, channel));
-            x * x + y * y
-        };
-        (0..3).map(squared).sum::<f32>().sqrt()
-    };
     let (mut on, mut beside) = (Mean::default(), Mean::default());
     for y in 1..height - 1 {
         for x in 1..width - 1 {
@@ -60,7 +44,7 @@ pub fn edge_contrast(view: &TrainView) -> Option<f32> {
                 continue;
             };
             if !view.ignores(x * factor, y * factor) {
-                mean.add(strength(x, y));
+                mean.add(edge_strength(&photo, x, y));
             }
         }
     }
@@ -89,49 +73,14 @@ impl Mean {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use glam::{DQuat, DVec3};
-    use image::{GrayImage, Luma, Rgb, RgbImage};
-    use io_colmap::{Camera, CameraModel, Pose};
-
     use super::*;
-    use crate::prepare::pixels::PixelStore;
-    use crate::prepare::view::Lens;
+    use crate::prepare::disc;
 
-    /// A photo of a disc on a ground with a pattern, and a mask of another radius.
+    /// A disc of radius 40, and a mask of another kind.
     fn view(mask: impl Fn(f32, f32) -> bool) -> TrainView {
-        let store = PixelStore::new(&std::env::temp_dir());
-        let (width, height) = (160, 120);
-        let at = |x: u32, y: u32| (x as f32 - 80.0, y as f32 - 60.0);
-        let photo = RgbImage::from_fn(width, height, |x, y| {
-            let (u, v) = at(x, y);
-            let pattern = (8.0 * ((x as f32 * 0.7).sin() + (y as f32 * 0.9).cos())) as i32;
-            let base = if u.hypot(v) < 40.0 { 170 } else { 90 };
-            Rgb([(base + pattern) as u8; 3])
-        });
-        let picture = GrayImage::from_fn(width, height, |x, y| {
-            let (u, v) = at(x, y);
-            Luma([if mask(u, v) { 255 } else { 0 }])
-        });
-        TrainView {
-            name: "disc".to_owned(),
-            lens: Lens(Camera {
-                id: 1,
-                model: CameraModel::Pinhole,
-                width,
-                height,
-                params: vec![200.0, 200.0, 80.0, 60.0],
-            }),
-            camera_from_world: Pose {
-                rotation: DQuat::IDENTITY,
-                translation: DVec3::ZERO,
-            },
-            photo: store.keep_photo(photo).unwrap(),
-            mask: None,
-            ignored: None,
-            store,
-        }
-        .with_mask(&picture)
-        .unwrap()
+        let view = disc::view(160, 120, 40.0);
+        let picture = disc::picture(160, 120, mask);
+        view.with_mask(&picture).unwrap()
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 mod clearance;
 mod depth_range;
+#[cfg(test)]
+pub(crate) mod disc;
 pub mod edge_contrast;
 pub mod error;
 pub mod frame;

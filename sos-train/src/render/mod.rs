@@ -5,6 +5,7 @@ mod fill;
 pub mod frame;
 pub mod mesh;
 pub mod path;
+mod photo_outline;
 pub mod preview;
 pub mod rays;
 mod semantic;

@@ -4,6 +4,7 @@ use glam::{Vec2, Vec3};
 use neus_render::rays::Ray;
 
 use super::fill::fill;
+use super::photo_outline::follow_photo;
 use super::rays::{FrozenScene, RenderedRay};
 use super::survey::Survey;
 use crate::export::ViewRender;
@@ -13,13 +14,18 @@ use crate::prepare::{Prepared, outline};
 const EDGE: f32 = 0.05;
 /// Mattes below this, a quarter of an 8 bit step, have no colour worth computing.
 const LEAST_ALPHA: f32 = 1e-3;
+/// Opacities of the object below this say little about its colour.
+const LEAST_OPACITY: f32 = 0.02;
+/// How far away its colour is looked for then, in pixels.
+const COLOUR_REACH: i32 = 4;
 /// How far around the object the plate is taken from BaCo instead of the photo, in pixels.
 const PLATE_REACH: i32 = 3;
 
 /// In the list of pixels' rays, a pixel without one.
 const NO_RAY: u32 = u32::MAX;
 
-/// The matte of view `index`, edges supersampled: `width * height` values in 0..1, rows from the top.
+/// The matte of view `index`, edges supersampled and where the photo has them: `width * height` values in 0..1, rows from
+/// the top.
 #[must_use]
 pub fn render_matte(scene: &FrozenScene, data: &Prepared, index: usize) -> Vec<f32> {
     let view = &data.views[index];
@@ -40,6 +46,9 @@ pub fn render_matte(scene: &FrozenScene, data: &Prepared, index: usize) -> Vec<f
         alpha[i as usize] = matte;
     }
     supersample(scene, &ray_at, &at, width, height, &mut alpha);
+    if scene.config.export.follow_photos {
+        follow_photo(view, &mut alpha);
+    }
     alpha
 }
 
@@ -85,6 +94,11 @@ pub fn render_view(
         alpha,
     };
     let normals = object_normals(scene, &rays, &rendered);
+    // The object's own colour, which is known where the surface is; its outline may be the photo's.
+    let object_colour = |i: usize| -> Option<Vec3> {
+        let hit = rendered.get(hits[i] as usize)?;
+        (hit.object_opacity >= LEAST_OPACITY).then_some(hit.object)
+    };
     // What stands behind the object, before the photo's share along the seam is mixed in.
     let mut behind = vec![[0.0; 3]; pixels];
     let all = data.views.len().min(255) as u8;
@@ -105,7 +119,10 @@ pub fn render_view(
         } else {
             (photo.to_array(), all)
         };
-        out.foreground[i] = decontaminated(photo, hit, out.alpha[i]).to_array();
+        let own = object_colour(i)
+            .or_else(|| mean_around(&object_colour, i, width, height))
+            .unwrap_or(photo);
+        out.foreground[i] = decontaminated(photo, own, hit.background, out.alpha[i]).to_array();
         if hit.object_distance > 0.0 && out.alpha[i] > 0.05 {
             out.normal[i] = normals[k].to_array();
             let point = data
@@ -135,19 +152,39 @@ fn photo_colour(raw: &[u8], i: usize) -> Vec3 {
     Vec3::new(f32::from(c[0]), f32::from(c[1]), f32::from(c[2])) / 255.0
 }
 
+/// The mean of colours that are known close to pixel `i`, nearer ones counting more; `None` where there are none.
+fn mean_around(
+    colour: &dyn Fn(usize) -> Option<Vec3>,
+    i: usize,
+    width: u32,
+    height: u32,
+) -> Option<Vec3> {
+    let (x, y) = (i as i32 % width as i32, i as i32 / width as i32);
+    let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
+    for v in (y - COLOUR_REACH).max(0)..=(y + COLOUR_REACH).min(height as i32 - 1) {
+        for u in (x - COLOUR_REACH).max(0)..=(x + COLOUR_REACH).min(width as i32 - 1) {
+            if let Some(colour) = colour((v * width as i32 + u) as usize) {
+                let weight = 1.0 / ((u - x).pow(2) + (v - y).pow(2)).max(1) as f32;
+                sum += weight * colour;
+                weights += weight;
+            }
+        }
+    }
+    (weights > 0.0).then(|| sum / weights)
+}
+
 /// The object's own colour behind a soft edge: `F = (C - (1 - a) B) / a`, where that is determined.
 ///
-/// With little alpha the division only amplifies noise, and the rendered colour takes over.
-fn decontaminated(photo: Vec3, hit: &RenderedRay, alpha: f32) -> Vec3 {
+/// With little alpha the division only amplifies noise, and the `own` colour, as rendered, takes over.
+fn decontaminated(photo: Vec3, own: Vec3, background: Vec3, alpha: f32) -> Vec3 {
     if alpha >= 0.995 {
         return photo;
     }
     if alpha < LEAST_ALPHA {
-        return hit.object;
+        return own;
     }
-    let solved = ((photo - (1.0 - alpha) * hit.background) / alpha).clamp(Vec3::ZERO, Vec3::ONE);
-    hit.object
-        .lerp(solved, ((alpha - 0.3) / 0.6).clamp(0.0, 1.0))
+    let solved = ((photo - (1.0 - alpha) * background) / alpha).clamp(Vec3::ZERO, Vec3::ONE);
+    own.lerp(solved, ((alpha - 0.3) / 0.6).clamp(0.0, 1.0))
 }
 
 /// Unit normals of the object where rays meet it.
