@@ -11,7 +11,7 @@
 //! | [`doctor`] | what is wrong with a scene, and what training on it will take |
 //! | [`prepare`] | the object's box, what the masks agree on, a label per pixel |
 //! | [`train`] | the loop: batches, schedules, checkpoints |
-//! | [`render`] | final pictures and the mesh |
+//! | [`render`] | final pictures and the mesh; `snap` moves outlines to where photos show them |
 //! | [`run_folder`], [`export`] | where results lie, and how they get there in one piece |
 //! | [`audit`] | what the results say about themselves without ground truth |
 //! | [`report`] | `report.html` |

@@ -47,7 +47,7 @@ pub(super) fn log_odds(
     sure: impl Fn(usize) -> bool,
     asked: &[bool],
 ) -> Vec<Option<f32>> {
-    let examples = Examples::new(photo, inside, sure);
+    let examples = Examples::new(photo, inside, sure, asked);
     // How well each example is told from the other side.
     let told: Vec<f32> = examples
         .all
@@ -82,20 +82,35 @@ fn colour(photo: &RgbImage, x: u32, y: u32) -> [f32; 3] {
 }
 
 impl Examples {
-    fn new(photo: &RgbImage, inside: &[bool], sure: impl Fn(usize) -> bool) -> Self {
+    fn new(
+        photo: &RgbImage,
+        inside: &[bool],
+        sure: impl Fn(usize) -> bool,
+        asked: &[bool],
+    ) -> Self {
         let (width, height) = photo.dimensions();
         let window = (WINDOW * (width as f32).hypot(height as f32)).max(1.0);
         let (columns, rows) = (
             (width as f32 / window) as usize + 1,
             (height as f32 / window) as usize + 1,
         );
+        let cell_of = |x: u32, y: u32| {
+            let (column, row) = cell(window, x as f32, y as f32);
+            row * columns + column
+        };
+        // Whoever is asked looks at the cells around, and those there at the ones around them.
+        let mut wanted = vec![false; columns * rows];
+        for i in (0..width * height).filter(|&i| asked[i as usize]) {
+            wanted[cell_of(i % width, i / width)] = true;
+        }
+        let wanted = grown(&wanted, columns, 2);
         let mut cells = vec![Vec::new(); columns * rows];
         for y in (0..height).step_by(STRIDE as usize) {
             for x in (0..width).step_by(STRIDE as usize) {
                 let i = (y * width + x) as usize;
-                if sure(i) {
-                    let (x_cell, y_cell) = cell(window, x as f32, y as f32);
-                    cells[y_cell * columns + x_cell].push(Example {
+                let cell = cell_of(x, y);
+                if wanted[cell] && sure(i) {
+                    cells[cell].push(Example {
                         x: x as f32,
                         y: y as f32,
                         colour: colour(photo, x, y),
@@ -171,6 +186,21 @@ impl Examples {
         }
         sum / count.max(1) as f32
     }
+}
+
+/// Cells that are `marked`, and those at most so many `steps` away, diagonally too.
+fn grown(marked: &[bool], columns: usize, steps: usize) -> Vec<bool> {
+    let rows = marked.len() / columns;
+    let mut grown = vec![false; marked.len()];
+    for i in (0..marked.len()).filter(|&i| marked[i]) {
+        let (x, y) = (i % columns, i / columns);
+        for y in y.saturating_sub(steps)..(y + steps + 1).min(rows) {
+            let row = y * columns;
+            let (first, end) = (x.saturating_sub(steps), (x + steps + 1).min(columns));
+            grown[row + first..row + end].fill(true);
+        }
+    }
+    grown
 }
 
 /// Column and row of the cell that holds a pixel.

@@ -47,25 +47,34 @@ pub(crate) fn snap(photo: &RgbImage, inside: &[bool], usable: &[bool]) -> Vec<bo
     let pixels = photo.width() as usize * photo.height() as usize;
     assert_eq!(inside.len(), pixels, "pixels inside");
     assert_eq!(usable.len(), pixels, "usable pixels");
+    let band = BAND * (photo.width() as f32).hypot(photo.height() as f32);
+    let shape = [photo.width() as usize, photo.height() as usize];
     let mut found = inside.to_vec();
+    let mut asked = usable.to_vec();
     for _ in 0..ROUNDS {
-        let next = round(photo, &found, usable);
-        if next == found {
+        let next = round(photo, &found, usable, &asked);
+        let moved: Vec<bool> = next.iter().zip(&found).map(|(a, b)| a != b).collect();
+        if !moved.contains(&true) {
             break;
         }
         found = next;
+        // Elsewhere the last answer stands.
+        let away = signed_distance(&moved, &shape, (2.0 * band).ceil() as usize);
+        for (asked, away) in asked.iter_mut().zip(away) {
+            *asked &= away < 2.0 * band;
+        }
     }
     found
 }
 
-/// One round of [`snap`].
-fn round(photo: &RgbImage, inside: &[bool], usable: &[bool]) -> Vec<bool> {
+/// One round of [`snap`], in which only pixels that are `asked` may move.
+fn round(photo: &RgbImage, inside: &[bool], usable: &[bool], asked: &[bool]) -> Vec<bool> {
     let (width, height) = (photo.width() as usize, photo.height() as usize);
     let band = BAND * (width as f32).hypot(height as f32);
     let reach = (FAR * band).ceil() as usize;
     let distance = signed_distance(inside, &[width, height], reach);
     let in_band: Vec<bool> = (0..width * height)
-        .map(|i| usable[i] && distance[i].abs() < band)
+        .map(|i| asked[i] && distance[i].abs() < band)
         .collect();
     let sure = |i: usize| {
         let away = distance[i].abs();
