@@ -81,7 +81,7 @@ fn default() -> TrainConfig {
             hidden: 0.05,
             points: 0.1,
             curvature: 0.0,
-            background: 0.0,
+            background: 0.05,
             // As in Semantic-NeRF.
             semantic: 0.04,
         },

@@ -6,13 +6,13 @@ use rayon::prelude::*;
 /// Radius in which colours are compared, as a share of the picture's diagonal.
 const WINDOW: f32 = 0.04;
 /// Standard deviation of the kernel over colours, of 255.
-const SPREAD: f32 = 10.0;
+const SPREAD: f32 = 5.0;
 /// One pixel in so many, along both axes, is an example of its side.
 const STRIDE: u32 = 2;
 /// Pixels that one task looks at.
 const TASK: usize = 256;
 /// Density of colours that are like none.
-const FLOOR: f32 = 2e-3;
+const FLOOR: f32 = 1e-3;
 /// How well examples are told apart by the others around them, on average: from where on colours say anything, and
 /// where they are believed in full.
 const POOR: f32 = 0.7;
