@@ -9,8 +9,9 @@ use image::imageops::thumbnail;
 use crate::prepare::TrainView;
 use crate::snap::{self, snap};
 
-/// How far around what has moved the matte's edge is made anew, in steps to one of four neighbours.
-const REACH: usize = 2;
+/// How far around what has moved the matte's edge is made anew, as a share of how far it may move: what is left of the old
+/// edge, which may be soft, would be a thin line beside the new one.
+const REACH: f32 = 0.75;
 
 /// Moves the outline of a view's matte to where its photo shows it. `alpha` has a value in `[0, 1]` for each pixel,
 /// row-major.
@@ -32,7 +33,8 @@ pub(super) fn follow_photo(view: &TrainView, alpha: &mut [f32]) {
     let photo = thumbnail(&view.photo, columns, rows);
     let now = snap(&photo, &inside, &usable);
     let moved: Vec<bool> = now.iter().zip(&inside).map(|(a, b)| a != b).collect();
-    let near = grown(&moved, columns as usize, REACH);
+    let reach = (REACH * snap::band(columns, rows)).ceil() as usize;
+    let near = grown(&moved, columns as usize, reach);
     let edge: Vec<f32> = (0..coverage.len())
         .map(|i| {
             if !near[i] {

@@ -38,6 +38,11 @@ const FAR: f32 = 3.0;
 /// What staying where it is is worth, in log odds at the band's end.
 const PRIOR: f32 = 4.0;
 
+/// How far the outline may move in a round, in pixels.
+pub(crate) fn band(width: u32, height: u32) -> f32 {
+    BAND * (width as f32).hypot(height as f32)
+}
+
 /// What is inside by the photo, where it is `inside` as far as is known and pixels are `usable`; lists are row-major.
 ///
 /// # Panics
@@ -47,7 +52,7 @@ pub(crate) fn snap(photo: &RgbImage, inside: &[bool], usable: &[bool]) -> Vec<bo
     let pixels = photo.width() as usize * photo.height() as usize;
     assert_eq!(inside.len(), pixels, "pixels inside");
     assert_eq!(usable.len(), pixels, "usable pixels");
-    let band = BAND * (photo.width() as f32).hypot(photo.height() as f32);
+    let band = band(photo.width(), photo.height());
     let shape = [photo.width() as usize, photo.height() as usize];
     let mut found = inside.to_vec();
     let mut asked = usable.to_vec();
@@ -70,7 +75,7 @@ pub(crate) fn snap(photo: &RgbImage, inside: &[bool], usable: &[bool]) -> Vec<bo
 /// One round of [`snap`], in which only pixels that are `asked` may move.
 fn round(photo: &RgbImage, inside: &[bool], usable: &[bool], asked: &[bool]) -> Vec<bool> {
     let (width, height) = (photo.width() as usize, photo.height() as usize);
-    let band = BAND * (width as f32).hypot(height as f32);
+    let band = band(photo.width(), photo.height());
     let reach = (FAR * band).ceil() as usize;
     let distance = signed_distance(inside, &[width, height], reach);
     let in_band: Vec<bool> = (0..width * height)
