@@ -4,7 +4,7 @@
 //! by a few pixels where it shows plainly that it lies elsewhere ([`snap`](crate::snap)); there the matte's soft edge is made
 //! anew.
 
-use image::imageops::thumbnail;
+use image::imageops::{crop_imm, thumbnail};
 
 use crate::prepare::TrainView;
 use crate::snap::{self, snap};
@@ -24,17 +24,28 @@ pub(super) fn follow_photo(view: &TrainView, alpha: &mut [f32]) {
     let coverage = squares.means(alpha);
     let inside: Vec<bool> = coverage.iter().map(|coverage| *coverage > 0.5).collect();
     let (columns, rows) = (squares.columns, squares.rows);
-    let usable: Vec<bool> = (0..columns * rows)
-        .map(|i| {
-            let (x, y) = (i % columns * squares.side, i / columns * squares.side);
-            !view.ignores(x, y)
-        })
-        .collect();
+    let band = snap::band(columns, rows);
+    let Some(part) = squares.around(&inside, snap::surroundings(band)) else {
+        return;
+    };
     let photo = thumbnail(&view.photo, columns, rows);
-    let now = snap(&photo, &inside, &usable);
+    let photo = crop_imm(&photo, part.x, part.y, part.width, part.height).to_image();
+    let usable: Vec<bool> = part
+        .places()
+        .map(|(x, y)| !view.ignores(x * squares.side, y * squares.side))
+        .collect();
+    let number = |(x, y): (u32, u32)| (y * columns + x) as usize;
+    let before: Vec<bool> = part.places().map(|place| inside[number(place)]).collect();
+    let after = snap(&photo, &before, &usable, band);
+    let mut now = inside.clone();
+    for (place, after) in part.places().zip(after) {
+        now[number(place)] = after;
+    }
     let moved: Vec<bool> = now.iter().zip(&inside).map(|(a, b)| a != b).collect();
-    let reach = (REACH * snap::band(columns, rows)).ceil() as usize;
-    let near = grown(&moved, columns as usize, reach);
+    if !moved.contains(&true) {
+        return;
+    }
+    let near = grown(&moved, columns as usize, (REACH * band).ceil() as usize);
     let edge: Vec<f32> = (0..coverage.len())
         .map(|i| {
             if !near[i] {
@@ -53,6 +64,22 @@ pub(super) fn follow_photo(view: &TrainView, alpha: &mut [f32]) {
         if near[squares.of(x, y)] {
             *alpha = squares.between(&edge, x, y);
         }
+    }
+}
+
+/// A rectangle of squares.
+struct Part {
+    x: u32,
+    y: u32,
+    width: u32,
+    height: u32,
+}
+
+impl Part {
+    /// Columns and rows, row by row.
+    fn places(&self) -> impl Iterator<Item = (u32, u32)> {
+        let (x0, width) = (self.x, self.width);
+        (self.y..self.y + self.height).flat_map(move |y| (x0..x0 + width).map(move |x| (x, y)))
     }
 }
 
@@ -78,6 +105,28 @@ impl Squares {
     /// The square that holds a pixel.
     fn of(&self, x: u32, y: u32) -> usize {
         (y / self.side * self.columns + x / self.side) as usize
+    }
+
+    /// What lies within `margin` of the squares that are `inside`; `None` where none is.
+    fn around(&self, inside: &[bool], margin: u32) -> Option<Part> {
+        let all = (0..).zip(inside).filter(|(_, inside)| **inside);
+        let places = all.map(|(i, _): (u32, _)| (i % self.columns, i / self.columns));
+        let [x0, y0, x1, y1] = places.fold([u32::MAX, u32::MAX, 0, 0], |all, (x, y)| {
+            [all[0].min(x), all[1].min(y), all[2].max(x), all[3].max(y)]
+        });
+        let part = |first: u32, last: u32, count: u32| {
+            let first = first.saturating_sub(margin);
+            (first, (last + margin + 1).min(count) - first)
+        };
+        (x0 <= x1).then(|| {
+            let ((x, width), (y, height)) = (part(x0, x1, self.columns), part(y0, y1, self.rows));
+            Part {
+                x,
+                y,
+                width,
+                height,
+            }
+        })
     }
 
     fn means(&self, values: &[f32]) -> Vec<f32> {

@@ -3,12 +3,14 @@
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// Radius in which colours are compared, as a share of the picture's diagonal.
-const WINDOW: f32 = 0.04;
+/// Side of a square cell, in bands: a pixel's colour is compared with those in its own cell and the eight around it.
+pub(super) const CELL: f32 = 2.4;
 /// Standard deviation of the kernel over colours, of 255.
 const SPREAD: f32 = 5.0;
 /// One pixel in so many, along both axes, is an example of its side.
 const STRIDE: u32 = 2;
+/// One example in so many is asked how well it is told from the other side.
+const CHECKED: usize = 3;
 /// Pixels that one task looks at.
 const TASK: usize = 256;
 /// Density of colours that are like none.
@@ -29,50 +31,36 @@ struct Example {
     inside: bool,
 }
 
-/// Examples in square cells as wide as the window, so that only nine are looked through.
+/// Examples in square cells.
 struct Examples {
-    window: f32,
+    side: f32,
     columns: usize,
     rows: usize,
-    /// Where each cell's begin in `all`, and the end.
+    /// Where each cell's begin in `all`, row by row, and the end.
     starts: Vec<usize>,
     all: Vec<Example>,
 }
 
-/// For the pixels `asked` of a photo, some of them `inside`, log odds that their colour is the object's, less where colours close by are hard to tell
-/// apart; `None` where they cannot be, and for other pixels. Examples are pixels that are `sure`.
+/// For the pixels `asked` of a photo, some of them `inside`, log odds that their colour is the object's, less where colours
+/// close by are hard to tell apart (`band` as in [`snap`](super::snap)); `None` where they cannot be, and for other pixels. Examples are pixels that are `sure`.
 pub(super) fn log_odds(
     photo: &RgbImage,
     inside: &[bool],
     sure: impl Fn(usize) -> bool,
     asked: &[bool],
+    band: f32,
 ) -> Vec<Option<f32>> {
-    let examples = Examples::new(photo, inside, sure, asked);
-    // How well each example is told from the other side.
-    let told: Vec<f32> = examples
-        .all
-        .par_iter()
-        .with_min_len(TASK)
-        .map(|example| {
-            let odds = examples.log_odds(example.x, example.y, example.colour, OWN);
-            let right = if example.inside { odds } else { -odds };
-            1.0 / (1.0 + (-right).exp())
-        })
-        .collect();
+    let examples = Examples::new(photo, inside, sure, asked, band);
+    let beliefs = examples.beliefs();
     let width = photo.width();
     asked
         .par_iter()
         .with_min_len(TASK)
         .enumerate()
         .map(|(i, asked)| {
-            if !asked {
-                return None;
-            }
             let (x, y) = (i as u32 % width, i as u32 / width);
-            let at = (x as f32, y as f32);
-            let sure = examples.mean(at.0, at.1, &told);
-            let belief = ((sure - POOR) / (GOOD - POOR)).clamp(0.0, 1.0);
-            (belief > 0.0).then(|| belief * examples.log_odds(at.0, at.1, colour(photo, x, y), 0.0))
+            let belief = asked.then(|| beliefs[examples.cell(x, y)])?;
+            (belief > 0.0).then(|| belief * examples.log_odds(x, y, colour(photo, x, y), None))
         })
         .collect()
 }
@@ -87,28 +75,29 @@ impl Examples {
         inside: &[bool],
         sure: impl Fn(usize) -> bool,
         asked: &[bool],
+        band: f32,
     ) -> Self {
         let (width, height) = photo.dimensions();
-        let window = (WINDOW * (width as f32).hypot(height as f32)).max(1.0);
-        let (columns, rows) = (
-            (width as f32 / window) as usize + 1,
-            (height as f32 / window) as usize + 1,
-        );
-        let cell_of = |x: u32, y: u32| {
-            let (column, row) = cell(window, x as f32, y as f32);
-            row * columns + column
+        let side = (CELL * band).max(1.0);
+        let count = |pixels: u32| (pixels as f32 / side) as usize + 1;
+        let mut examples = Self {
+            side,
+            columns: count(width),
+            rows: count(height),
+            starts: vec![0],
+            all: Vec::new(),
         };
         // Whoever is asked looks at the cells around, and those there at the ones around them.
-        let mut wanted = vec![false; columns * rows];
+        let mut wanted = vec![false; examples.columns * examples.rows];
         for i in (0..width * height).filter(|&i| asked[i as usize]) {
-            wanted[cell_of(i % width, i / width)] = true;
+            wanted[examples.cell(i % width, i / width)] = true;
         }
-        let wanted = grown(&wanted, columns, 2);
-        let mut cells = vec![Vec::new(); columns * rows];
+        let wanted = grown(&wanted, examples.columns, 2);
+        let mut cells = vec![Vec::new(); wanted.len()];
         for y in (0..height).step_by(STRIDE as usize) {
             for x in (0..width).step_by(STRIDE as usize) {
                 let i = (y * width + x) as usize;
-                let cell = cell_of(x, y);
+                let cell = examples.cell(x, y);
                 if wanted[cell] && sure(i) {
                     cells[cell].push(Example {
                         x: x as f32,
@@ -119,55 +108,76 @@ impl Examples {
                 }
             }
         }
-        let mut starts = vec![0];
-        let mut all = Vec::new();
-        for examples in cells {
-            all.extend(examples);
-            starts.push(all.len());
+        for cell in cells {
+            examples.all.extend(cell);
+            examples.starts.push(examples.all.len());
         }
-        Self {
-            window,
-            columns,
-            rows,
-            starts,
-            all,
-        }
+        examples
     }
 
-    /// Numbers and squared distances of the examples in the window around a pixel.
-    fn around(&self, x: f32, y: f32) -> impl Iterator<Item = (usize, f32)> {
-        let (column, row) = cell(self.window, x, y);
-        let rows = row.saturating_sub(1)..(row + 2).min(self.rows);
-        let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
-        // The cells of a row lie one after the other.
-        let spans = rows.map(move |row| {
-            self.starts[row * self.columns + columns.start]
-                ..self.starts[row * self.columns + columns.end]
-        });
-        spans.flatten().filter_map(move |k| {
-            let (dx, dy) = (self.all[k].x - x, self.all[k].y - y);
-            let squared = dx * dx + dy * dy;
-            (squared <= self.window * self.window).then_some((k, squared))
-        })
+    /// The cell that holds a pixel.
+    fn cell(&self, x: u32, y: u32) -> usize {
+        let along = |pixel: u32| (pixel as f32 / self.side) as usize;
+        along(y) * self.columns + along(x)
     }
 
-    /// Log odds that a colour at a pixel is the object's, by examples farther away than `nearest` (from 0 on, all); 0
-    /// where one side has none.
-    fn log_odds(&self, x: f32, y: f32, colour: [f32; 3], nearest: f32) -> f32 {
+    /// First and end cells of up to three rows around a cell.
+    fn around(&self, cell: usize) -> impl Iterator<Item = (usize, usize)> {
+        let (column, row) = (cell % self.columns, cell / self.columns);
+        let (first, end) = (column.saturating_sub(1), (column + 2).min(self.columns));
+        let columns = self.columns;
+        (row.saturating_sub(1)..(row + 2).min(self.rows))
+            .map(move |row| (row * columns + first, row * columns + end))
+    }
+
+    /// For each cell, how far colours in it and around it are believed: by how well examples there are told from the
+    /// other side.
+    fn beliefs(&self) -> Vec<f32> {
+        let cells = self.columns * self.rows;
+        let told: Vec<(f32, u32)> = (0..cells)
+            .into_par_iter()
+            .map(|cell| {
+                let own = &self.all[self.starts[cell]..self.starts[cell + 1]];
+                let shares = own.iter().step_by(CHECKED).map(|example| {
+                    let (x, y) = (example.x, example.y);
+                    let odds = self.log_odds(x as u32, y as u32, example.colour, Some((x, y)));
+                    let right = if example.inside { odds } else { -odds };
+                    1.0 / (1.0 + (-right).exp())
+                });
+                shares.fold((0.0, 0), |(sum, count), share| (sum + share, count + 1))
+            })
+            .collect();
+        let belief = |cell: usize| {
+            let spans = self.around(cell).map(|(first, end)| &told[first..end]);
+            let (sum, count) = spans
+                .flatten()
+                .fold((0.0, 0), |all, own| (all.0 + own.0, all.1 + own.1));
+            let sure = sum / count.max(1) as f32;
+            ((sure - POOR) / (GOOD - POOR)).clamp(0.0, 1.0)
+        };
+        (0..cells).map(belief).collect()
+    }
+
+    /// Log odds that a colour at a pixel is the object's, by the examples in its cell and around it, but for those at an
+    /// example's own place; 0 where one side has none.
+    fn log_odds(&self, x: u32, y: u32, colour: [f32; 3], own: Option<(f32, f32)>) -> f32 {
         const SCALE: f32 = -0.5 / (SPREAD * SPREAD);
         let (mut sums, mut counts) = ([0.0f32; 2], [0u32; 2]);
-        for (k, squared) in self.around(x, y) {
-            if nearest > 0.0 && squared <= nearest * nearest {
-                continue;
-            }
-            let example = &self.all[k];
-            let side = usize::from(example.inside);
-            counts[side] += 1;
-            let off = (0..3).map(|c| (example.colour[c] - colour[c]).powi(2));
-            let exponent = SCALE * off.sum::<f32>();
-            // Less than a hundredth of the floor, from the nearest of them.
-            if exponent > -11.0 {
-                sums[side] += exponent.exp();
+        for (first, end) in self.around(self.cell(x, y)) {
+            for example in &self.all[self.starts[first]..self.starts[end]] {
+                if own.is_some_and(|(x, y)| {
+                    (example.x - x).powi(2) + (example.y - y).powi(2) <= OWN * OWN
+                }) {
+                    continue;
+                }
+                let side = usize::from(example.inside);
+                counts[side] += 1;
+                let off = (0..3).map(|c| (example.colour[c] - colour[c]).powi(2));
+                let exponent = SCALE * off.sum::<f32>();
+                // Less than a fiftieth of the floor.
+                if exponent > -11.0 {
+                    sums[side] += exponent.exp();
+                }
             }
         }
         if counts.contains(&0) {
@@ -175,16 +185,6 @@ impl Examples {
         }
         let density = |side: usize| sums[side] / counts[side] as f32 + FLOOR;
         (density(1) / density(0)).ln()
-    }
-
-    /// The mean of the examples' values in the window; 0 without any.
-    fn mean(&self, x: f32, y: f32, values: &[f32]) -> f32 {
-        let (mut sum, mut count) = (0.0, 0u32);
-        for (k, _) in self.around(x, y) {
-            sum += values[k];
-            count += 1;
-        }
-        sum / count.max(1) as f32
     }
 }
 
@@ -201,11 +201,6 @@ fn grown(marked: &[bool], columns: usize, steps: usize) -> Vec<bool> {
         }
     }
     grown
-}
-
-/// Column and row of the cell that holds a pixel.
-fn cell(window: f32, x: f32, y: f32) -> (usize, usize) {
-    ((x / window) as usize, (y / window) as usize)
 }
 
 #[cfg(test)]
@@ -226,7 +221,7 @@ mod tests {
         let inside: Vec<bool> = (0..300 * 200).map(|i| i % 300 < 150).collect();
         let mut asked = vec![false; 300 * 200];
         asked[100 * 300 + 150] = true;
-        let all = log_odds(&photo, &inside, |i| i % 300 != 150, &asked);
+        let all = log_odds(&photo, &inside, |i| i % 300 != 150, &asked, 4.0);
         assert!(
             all.iter()
                 .zip(&asked)

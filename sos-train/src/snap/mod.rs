@@ -38,26 +38,31 @@ const FAR: f32 = 3.0;
 /// What staying where it is is worth, in log odds at the band's end.
 const PRIOR: f32 = 4.0;
 
-/// How far the outline may move in a round, in pixels.
+/// How far the outline may move in a round, in pixels of a picture of this size.
 pub(crate) fn band(width: u32, height: u32) -> f32 {
     BAND * (width as f32).hypot(height as f32)
 }
 
-/// What is inside by the photo, where it is `inside` as far as is known and pixels are `usable`; lists are row-major.
+/// How far from the outline pixels matter, in pixels.
+pub(crate) fn surroundings(band: f32) -> u32 {
+    ((ROUNDS as f32 + FAR + 2.0 * colours::CELL) * band).ceil() as u32
+}
+
+/// What is inside by the photo, where it is `inside` as far as is known and pixels are `usable`; lists are row-major. `band`
+/// is how far the outline may move in a round, in pixels ([`band`]).
 ///
 /// # Panics
 /// When the lists are not as long as the photo has pixels.
 #[must_use]
-pub(crate) fn snap(photo: &RgbImage, inside: &[bool], usable: &[bool]) -> Vec<bool> {
+pub(crate) fn snap(photo: &RgbImage, inside: &[bool], usable: &[bool], band: f32) -> Vec<bool> {
     let pixels = photo.width() as usize * photo.height() as usize;
     assert_eq!(inside.len(), pixels, "pixels inside");
     assert_eq!(usable.len(), pixels, "usable pixels");
-    let band = band(photo.width(), photo.height());
     let shape = [photo.width() as usize, photo.height() as usize];
     let mut found = inside.to_vec();
     let mut asked = usable.to_vec();
     for _ in 0..ROUNDS {
-        let next = round(photo, &found, usable, &asked);
+        let next = round(photo, &found, usable, &asked, band);
         let moved: Vec<bool> = next.iter().zip(&found).map(|(a, b)| a != b).collect();
         if !moved.contains(&true) {
             break;
@@ -73,9 +78,14 @@ pub(crate) fn snap(photo: &RgbImage, inside: &[bool], usable: &[bool]) -> Vec<bo
 }
 
 /// One round of [`snap`], in which only pixels that are `asked` may move.
-fn round(photo: &RgbImage, inside: &[bool], usable: &[bool], asked: &[bool]) -> Vec<bool> {
+fn round(
+    photo: &RgbImage,
+    inside: &[bool],
+    usable: &[bool],
+    asked: &[bool],
+    band: f32,
+) -> Vec<bool> {
     let (width, height) = (photo.width() as usize, photo.height() as usize);
-    let band = band(photo.width(), photo.height());
     let reach = (FAR * band).ceil() as usize;
     let distance = signed_distance(inside, &[width, height], reach);
     let in_band: Vec<bool> = (0..width * height)
@@ -85,7 +95,7 @@ fn round(photo: &RgbImage, inside: &[bool], usable: &[bool], asked: &[bool]) -> 
         let away = distance[i].abs();
         usable[i] && away > SURE * band && away < FAR * band
     };
-    let odds = colours::log_odds(photo, inside, sure, &in_band);
+    let odds = colours::log_odds(photo, inside, sure, &in_band, band);
     let free: Vec<bool> = odds.iter().map(Option::is_some).collect();
     let evidence: Vec<f32> = odds
         .iter()
@@ -131,7 +141,7 @@ mod tests {
     }
 
     fn wrong_after(truth: &[bool], given: &[bool], photo: &RgbImage) -> usize {
-        let found = snap(photo, given, &vec![true; given.len()]);
+        let found = snap(photo, given, &vec![true; given.len()], band(SIZE.0, SIZE.1));
         found.iter().zip(truth).filter(|(a, t)| a != t).count()
     }
 
@@ -160,7 +170,15 @@ mod tests {
             // Far more grain than contrast.
             (ellipse(70.0, 3.0), photo(&disc(-1.0), 200.0)),
         ] {
-            assert_eq!(snap(&photo, &given, &vec![true; given.len()]), given);
+            assert_eq!(
+                snap(
+                    &photo,
+                    &given,
+                    &vec![true; given.len()],
+                    band(SIZE.0, SIZE.1)
+                ),
+                given
+            );
         }
     }
 
@@ -168,7 +186,12 @@ mod tests {
     fn what_is_not_to_be_learned_from_says_nothing() {
         let truth = disc(70.0);
         let given = ellipse(70.0, 3.0);
-        let found = snap(&photo(&truth, 20.0), &given, &vec![false; given.len()]);
+        let found = snap(
+            &photo(&truth, 20.0),
+            &given,
+            &vec![false; given.len()],
+            band(SIZE.0, SIZE.1),
+        );
         assert_eq!(found, given);
     }
 }
