@@ -7,6 +7,7 @@ use image::imageops::thumbnail;
 
 use super::view::TrainView;
 use crate::distance::signed_distance;
+use crate::mean::Mean;
 use crate::snap::{LONGEST, edge_strength};
 
 /// Pixels from the outline that are on it, and those that are beside it.
@@ -50,24 +51,6 @@ pub fn edge_contrast(view: &TrainView) -> Option<f32> {
     }
     let (on, beside) = (on.get(FEWEST)?, beside.get(FEWEST)?);
     (beside > 0.0).then_some(on / beside)
-}
-
-#[derive(Default)]
-struct Mean {
-    sum: f64,
-    count: usize,
-}
-
-impl Mean {
-    fn add(&mut self, value: f32) {
-        self.sum += f64::from(value);
-        self.count += 1;
-    }
-
-    /// Of at least so many.
-    fn get(&self, fewest: usize) -> Option<f32> {
-        (self.count >= fewest).then(|| (self.sum / self.count as f64) as f32)
-    }
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use super::photo_outline::follow_photo;
 use super::rays::{FrozenScene, RenderedRay};
 use super::survey::Survey;
 use crate::export::ViewRender;
+use crate::grown::grown;
 use crate::prepare::{Prepared, outline};
 
 /// Mattes that differ by more than this from a neighbour's make an edge.
@@ -69,11 +70,12 @@ pub fn render_view(
     // Colours only where something of the object is, and close by for the plate's seam; and where
     // plates do without what the photo shows.
     let ignored = |i: u32| view.ignores(i % width, i / width);
-    let visible: Vec<u32> = (0..width * height)
-        .filter(|&i| alpha[i as usize] > LEAST_ALPHA || ignored(i))
+    let visible: Vec<bool> = (0..width * height)
+        .map(|i| alpha[i as usize] > LEAST_ALPHA || ignored(i))
         .collect();
+    let wanted = grown(&visible, width as usize, PLATE_REACH as usize);
     let (mut hits, mut rays) = (vec![NO_RAY; pixels], Vec::new());
-    for &i in &grown(&visible, width, height, PLATE_REACH) {
+    for i in (0..width * height).filter(|&i| wanted[i as usize]) {
         if let Some(ray) = view.ray(&world_from_camera, centre(i, width)) {
             hits[i as usize] = rays.len() as u32;
             rays.push(ray);
@@ -253,22 +255,6 @@ fn supersample(
             *alpha = sum / count as f32;
         }
     }
-}
-
-/// Pixel numbers within `reach` of `pixels`, ascending.
-fn grown(pixels: &[u32], width: u32, height: u32, reach: i32) -> Vec<u32> {
-    let mut inside = vec![false; (width * height) as usize];
-    for &i in pixels {
-        let (x, y) = ((i % width) as i32, (i / width) as i32);
-        for y in (y - reach).max(0)..=(y + reach).min(height as i32 - 1) {
-            let row = y as usize * width as usize;
-            let (first, last) = ((x - reach).max(0), (x + reach).min(width as i32 - 1));
-            inside[row + first as usize..=row + last as usize].fill(true);
-        }
-    }
-    (0..width * height)
-        .filter(|&i| inside[i as usize])
-        .collect()
 }
 
 /// How much of the plate comes from BaCo: 1 on the object and a pixel around, fading out beyond.

@@ -3,6 +3,8 @@
 use image::RgbImage;
 use rayon::prelude::*;
 
+use crate::grown::grown;
+
 /// Side of a square cell, in bands: a pixel's colour is compared with those in its own cell and the eight around it.
 pub(super) const CELL: f32 = 2.4;
 /// Standard deviation of the kernel over colours, of 255.
@@ -42,7 +44,8 @@ struct Examples {
 }
 
 /// For the pixels `asked` of a photo, some of them `inside`, log odds that their colour is the object's, less where colours
-/// close by are hard to tell apart (`band` as in [`snap`](super::snap)); `None` where they cannot be, and for other pixels. Examples are pixels that are `sure`.
+/// close by are hard to tell apart; `None` where they cannot be, and for other pixels. Examples are pixels that are `sure`;
+/// `band` is as in [`snap`](super::snap).
 pub(super) fn log_odds(
     photo: &RgbImage,
     inside: &[bool],
@@ -186,21 +189,6 @@ impl Examples {
         let density = |side: usize| sums[side] / counts[side] as f32 + FLOOR;
         (density(1) / density(0)).ln()
     }
-}
-
-/// Cells that are `marked`, and those at most so many `steps` away, diagonally too.
-fn grown(marked: &[bool], columns: usize, steps: usize) -> Vec<bool> {
-    let rows = marked.len() / columns;
-    let mut grown = vec![false; marked.len()];
-    for i in (0..marked.len()).filter(|&i| marked[i]) {
-        let (x, y) = (i % columns, i / columns);
-        for y in y.saturating_sub(steps)..(y + steps + 1).min(rows) {
-            let row = y * columns;
-            let (first, end) = (x.saturating_sub(steps), (x + steps + 1).min(columns));
-            grown[row + first..row + end].fill(true);
-        }
-    }
-    grown
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use image::RgbImage;
 
 use super::edges::edge_strength;
+use crate::mean::Mean;
 
 /// How many times as much the photo has to change along the new outline as along the old.
 const BETTER: f32 = 2.0;
@@ -72,7 +73,7 @@ pub(super) fn borne_out(photo: &RgbImage, old: &[bool], new: &[bool]) -> Vec<boo
             }
         }
         // A piece that comes or goes as a whole has one outline only: nothing to compare.
-        let better = before.get().zip(after.get());
+        let better = before.get(1).zip(after.get(1));
         if better.is_some_and(|(before, after)| after > BETTER * before) {
             for i in piece {
                 found[i] = new[i];
@@ -80,23 +81,6 @@ pub(super) fn borne_out(photo: &RgbImage, old: &[bool], new: &[bool]) -> Vec<boo
         }
     }
     found
-}
-
-#[derive(Default)]
-struct Mean {
-    sum: f32,
-    count: u32,
-}
-
-impl Mean {
-    fn add(&mut self, value: f32) {
-        self.sum += value;
-        self.count += 1;
-    }
-
-    fn get(&self) -> Option<f32> {
-        (self.count > 0).then(|| self.sum / self.count as f32)
-    }
 }
 
 #[cfg(test)]

@@ -140,9 +140,9 @@ mod tests {
         })
     }
 
-    fn wrong_after(truth: &[bool], given: &[bool], photo: &RgbImage) -> usize {
-        let found = snap(photo, given, &vec![true; given.len()], band(SIZE.0, SIZE.1));
-        found.iter().zip(truth).filter(|(a, t)| a != t).count()
+    fn snapped(photo: &RgbImage, given: &[bool], usable: bool) -> Vec<bool> {
+        let usable = vec![usable; given.len()];
+        snap(photo, given, &usable, band(SIZE.0, SIZE.1))
     }
 
     #[test]
@@ -152,7 +152,8 @@ mod tests {
         for more in [3.0, -3.0] {
             let given = ellipse(70.0, more);
             let before = given.iter().zip(&truth).filter(|(g, t)| g != t).count();
-            let after = wrong_after(&truth, &given, &photo);
+            let found = snapped(&photo, &given, true);
+            let after = found.iter().zip(&truth).filter(|(f, t)| f != t).count();
             assert!(
                 before > 40 && after < before / 3,
                 "{more}: {before} {after}"
@@ -170,15 +171,7 @@ mod tests {
             // Far more grain than contrast.
             (ellipse(70.0, 3.0), photo(&disc(-1.0), 200.0)),
         ] {
-            assert_eq!(
-                snap(
-                    &photo,
-                    &given,
-                    &vec![true; given.len()],
-                    band(SIZE.0, SIZE.1)
-                ),
-                given
-            );
+            assert_eq!(snapped(&photo, &given, true), given);
         }
     }
 
@@ -186,12 +179,6 @@ mod tests {
     fn what_is_not_to_be_learned_from_says_nothing() {
         let truth = disc(70.0);
         let given = ellipse(70.0, 3.0);
-        let found = snap(
-            &photo(&truth, 20.0),
-            &given,
-            &vec![false; given.len()],
-            band(SIZE.0, SIZE.1),
-        );
-        assert_eq!(found, given);
+        assert_eq!(snapped(&photo(&truth, 20.0), &given, false), given);
     }
 }
