@@ -218,6 +218,41 @@ fn a_checkpoint_after_carving_resumes_to_the_same_bits() {
     resumes_to_the_same_bits(30);
 }
 
+#[test]
+fn after_a_loss_that_is_no_number_a_run_goes_on_from_its_checkpoint_at_half_the_rates() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = small_config(60);
+    let data = prepared(folder.path(), &config);
+    let run = RunFolder::create(&folder.path().join("run"), Existing::Keep).unwrap();
+    let step_to = |trainer: &mut Trainer, end: u32| -> Vec<u32> {
+        (trainer.step_number()..end)
+            .map(|_| trainer.step(&data).losses.total.to_bits())
+            .collect()
+    };
+
+    let mut trainer = Trainer::new(&config, &data).unwrap();
+    let from_the_start = step_to(&mut trainer, 30);
+    trainer.save(&run, 0.0).unwrap();
+    let rate = trainer.learning_rate();
+    let after = step_to(&mut trainer, 33);
+
+    trainer.recover(&run, &data).unwrap();
+    assert_eq!(trainer.step_number(), 30);
+    assert_eq!(trainer.learning_rate(), 0.5 * rate);
+    // The same state, from which another way leads on.
+    let again = step_to(&mut trainer, 33);
+    assert_eq!(again[0], after[0]);
+    assert_ne!(again[2], after[2]);
+
+    // Without a checkpoint there is nothing but the start, and rates fall on.
+    let empty = RunFolder::create(&folder.path().join("empty"), Existing::Keep).unwrap();
+    trainer.recover(&empty, &data).unwrap();
+    assert_eq!(trainer.step_number(), 0);
+    assert_eq!(step_to(&mut trainer, 1)[0], from_the_start[0]);
+    step_to(&mut trainer, 30);
+    assert_eq!(trainer.learning_rate(), 0.25 * rate);
+}
+
 /// Mean overlap of masks with the true mattes of the tiny demo.
 fn overlap(found: &Discovery, truth: &demo_scene::DemoScene) -> f64 {
     let overlaps = found.masks.iter().zip(&truth.views).map(|(mask, view)| {

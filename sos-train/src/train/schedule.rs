@@ -1,5 +1,7 @@
 //! What changes over a run, as functions of the step.
 
+use losses::Schedule;
+
 use crate::config::{Fields, LossConfig, ScheduleConfig, TrainConfig, Transparency};
 
 use super::step::StepSchedule;
@@ -106,12 +108,11 @@ fn mask_weight(loss: &LossConfig, progress: f32) -> f32 {
 /// The factor on every learning rate: a linear warm-up, then exponentially down to `final_ratio`.
 #[must_use]
 pub fn rate_factor(config: &TrainConfig, step: u32) -> f64 {
-    let schedule = &config.schedule;
-    let warm = f64::from(schedule.warmup_steps);
-    if f64::from(step) < warm {
-        return f64::from(step + 1) / warm;
-    }
-    let rest = (f64::from(config.steps) - warm).max(1.0);
-    let share = ((f64::from(step) - warm) / rest).min(1.0);
-    f64::from(schedule.final_ratio).powf(share)
+    let rate = Schedule::WarmUpDecay {
+        peak: 1.0,
+        warm_up: config.schedule.warmup_steps.into(),
+        end: config.steps.into(),
+        final_ratio: config.schedule.final_ratio.into(),
+    };
+    rate.at(step.into())
 }
