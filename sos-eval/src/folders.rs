@@ -50,6 +50,7 @@ pub fn compare_folders(
         views,
         start: AlphaScore::mean(starts.iter().flatten()),
         plate: None,
+        clean_plate: None,
         mesh: None,
         missing: unmatched(&truth, &pred),
         start_missing: start

@@ -114,9 +114,13 @@ pub struct Report {
     /// The same mean for the masks the run started from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start: Option<AlphaScore>,
-    /// Background plates.
+    /// Background plates, against the scene as it is lit while the object stands in it, where that is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plate: Option<PlateScore>,
+    /// The same plates against the scene without the object, its shadow and its reflection, where both are
+    /// known: what is filled in where no view saw anything is judged here.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clean_plate: Option<PlateScore>,
     /// The mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mesh: Option<MeshScore>,

@@ -16,7 +16,8 @@ const MESH_SEED: u64 = 1;
 /// `run_dir` holds `alpha/`, and perhaps `background/`, `background_seen/` and `mesh.ply`. `gt_dir` is a
 /// scene with a folder `alpha_gt`, or that folder itself, or any folder of true mattes. Beside the
 /// mattes may lie `background_shadow_gt/` (the object removed but its shadow kept, as in the pictures
-/// the run has seen; preferred) or `background_gt/`, and `mesh_gt.ply`, in the run's coordinates.
+/// the run has seen), `background_gt/` (its shadow removed too) or both, and `mesh_gt.ply`, in the run's
+/// coordinates.
 /// Mattes are required, whatever else both sides have is scored too.
 pub fn run_eval(run_dir: &Path, gt_dir: &Path, start: Option<&Path>) -> Result<Report, EvalError> {
     let inner = gt_dir.join("alpha_gt");
@@ -32,17 +33,13 @@ pub fn run_eval(run_dir: &Path, gt_dir: &Path, start: Option<&Path>) -> Result<R
     let beside = |name: &str| Some(scene.join(name)).filter(|path| path.exists());
     let plates = run_dir.join("background");
     let seen = Some(run_dir.join("background_seen")).filter(|path| path.is_dir());
-    if let Some(truth) = beside("background_shadow_gt").or_else(|| beside("background_gt"))
-        && plates.is_dir()
-    {
-        report.plate = Some(compare_plates(
-            &plates,
-            &truth,
-            &alpha_gt,
-            seen.as_deref(),
-            MIN_SEEN,
-        )?);
-    }
+    let mut scores = ["background_shadow_gt", "background_gt"]
+        .into_iter()
+        .filter_map(beside)
+        .filter(|_| plates.is_dir())
+        .map(|truth| compare_plates(&plates, &truth, &alpha_gt, seen.as_deref(), MIN_SEEN));
+    report.plate = scores.next().transpose()?;
+    report.clean_plate = scores.next().transpose()?;
 
     let mesh = run_dir.join("mesh.ply");
     if let Some(truth) = beside("mesh_gt.ply")

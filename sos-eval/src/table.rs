@@ -1,6 +1,6 @@
 //! A report as text for people: mean, start, the worst views, plates, mesh, what was missing.
 
-use crate::plates::Quality;
+use crate::plates::{PlateScore, Quality};
 use crate::report::{AlphaScore, Report};
 use std::fmt::{self, Write};
 
@@ -43,7 +43,9 @@ impl Report {
             );
         }
         out.push('\n');
-        self.push_plate(&mut out);
+        for plate in [&self.plate, &self.clean_plate].into_iter().flatten() {
+            push_plate(&mut out, plate);
+        }
         self.push_mesh(&mut out);
         for (what, names) in [
             ("matte missing", &self.missing),
@@ -60,39 +62,6 @@ impl Report {
             push(&mut out, format_args!("note: {note}\n"));
         }
         out
-    }
-
-    fn push_plate(&self, out: &mut String) {
-        let Some(plate) = &self.plate else { return };
-        push(out, format_args!("plates against {}\n", plate.truth));
-        let share = 100.0 * plate.seen_share;
-        let seen = format!("object, seen by >= {} ({share:.0} %)", plate.min_seen);
-        let rows = [
-            (seen.as_str(), plate.seen),
-            ("whole object", plate.object),
-            ("whole picture", plate.whole),
-        ];
-        let names = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
-        for (name, quality) in rows {
-            let Some(Quality {
-                psnr, ssim, views, ..
-            }) = quality
-            else {
-                continue;
-            };
-            push(
-                out,
-                format_args!(
-                    "  {name:names$}  PSNR {psnr:6.2} dB  SSIM {ssim:.4}  {views} views\n"
-                ),
-            );
-        }
-        if !plate.missing.is_empty() {
-            push(
-                out,
-                format_args!("  not scored: {}\n", plate.missing.join(", ")),
-            );
-        }
     }
 
     fn push_mesh(&self, out: &mut String) {
@@ -160,4 +129,34 @@ pub(crate) fn markdown_cells(score: &AlphaScore) -> Vec<String> {
 /// Writing to a string cannot fail.
 fn push(out: &mut String, text: fmt::Arguments<'_>) {
     let _ = out.write_fmt(text);
+}
+
+fn push_plate(out: &mut String, plate: &PlateScore) {
+    push(out, format_args!("plates against {}\n", plate.truth));
+    let share = 100.0 * plate.seen_share;
+    let seen = format!("object, seen by >= {} ({share:.0} %)", plate.min_seen);
+    let rows = [
+        (seen.as_str(), plate.seen),
+        ("whole object", plate.object),
+        ("whole picture", plate.whole),
+    ];
+    let names = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
+    for (name, quality) in rows {
+        let Some(Quality {
+            psnr, ssim, views, ..
+        }) = quality
+        else {
+            continue;
+        };
+        push(
+            out,
+            format_args!("  {name:names$}  PSNR {psnr:6.2} dB  SSIM {ssim:.4}  {views} views\n"),
+        );
+    }
+    if !plate.missing.is_empty() {
+        push(
+            out,
+            format_args!("  not scored: {}\n", plate.missing.join(", ")),
+        );
+    }
 }

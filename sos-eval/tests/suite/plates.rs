@@ -133,13 +133,20 @@ fn a_run_is_scored_with_all_that_is_there() {
         "{table}"
     );
 
-    // The plate with the shadow kept is what the pictures show: preferred where it exists.
+    assert!(by_scene.clean_plate.is_none());
+
+    // The plate with the shadow kept is what the pictures show: first where it exists, the other beside it.
     save_rgb(&scene.join("background_shadow_gt/001.png"), |_, _| [100; 3]);
-    let plate = run_eval(&run, &scene, None).unwrap().plate.unwrap();
+    let both = run_eval(&run, &scene, None).unwrap();
+    let plate = both.plate.as_ref().unwrap();
     assert_eq!(
         (plate.truth.as_str(), plate.whole.unwrap().views),
         ("background_shadow_gt", 1)
     );
+    assert_eq!(both.clean_plate, by_scene.plate);
+    let table = both.table(1);
+    let place = |what: &str| table.find(&format!("plates against {what}\n")).unwrap();
+    assert!(place("background_shadow_gt") < place("background_gt"));
 
     // A mesh of which nothing is left does not cost the other scores; a broken one is told.
     fs::write(
