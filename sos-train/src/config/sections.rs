@@ -272,7 +272,7 @@ pub struct ExportConfig {
     pub mesh_resolution: u32,
     /// Mattes end where their photo shows an outline, if that is close by (see `render::photo_outline`).
     pub follow_photos: bool,
-    /// Where no view saw what the object hid, plates are filled in from around.
+    /// Where fewer than three views saw what the object hid, plates are filled in from around.
     pub fill_unseen: bool,
     /// Steps between two previews; 0 for none.
     pub preview_every: u32,

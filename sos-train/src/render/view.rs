@@ -21,6 +21,8 @@ const LEAST_OPACITY: f32 = 0.02;
 const COLOUR_REACH: i32 = 4;
 /// How far around the object the plate is taken from BaCo instead of the photo, in pixels.
 const PLATE_REACH: i32 = 3;
+/// Views that must have seen what the object hides for plates to show it as it was learnt: fewer may all be wrong.
+const LEAST_SEEN: u8 = 3;
 
 /// In the list of pixels' rays, a pixel without one.
 const NO_RAY: u32 = u32::MAX;
@@ -134,7 +136,7 @@ pub fn render_view(
         }
     }
     if scene.config.export.fill_unseen {
-        fill(&mut behind, |i| out.seen[i] > 0, width as usize);
+        fill(&mut behind, |i| out.seen[i] >= LEAST_SEEN, width as usize);
     }
     for (i, (plate, behind)) in out.background.iter_mut().zip(behind).enumerate() {
         let photo = photo_colour(view.photo.as_raw(), i);
