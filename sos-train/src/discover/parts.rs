@@ -11,6 +11,10 @@ const CENTRAL: f32 = 0.45;
 const CUT_OFF: f32 = 0.1;
 /// Share of a part's voxels at the border from which on it is taken to go on.
 const BORDER_SHARE: f32 = 0.02;
+/// Where the border begins, in the normalised frame.
+const BORDER: f32 = 0.97;
+/// Share of its voxels at the border on one side from which on a part goes on there.
+const SIDE_SHARE: f32 = 0.1;
 /// Parts with less than this share of the chosen one's voxels are crumbs.
 const CRUMB: f32 = 0.002;
 /// Parts this close to the chosen one's bounds belong to it, in the normalised frame.
@@ -51,6 +55,47 @@ impl PartSet {
     pub fn contains(&self, point: Vec3) -> bool {
         voxel(point, self.resolution).is_some_and(|cell| self.inside[cell])
     }
+
+    /// The centres of its voxels, in the normalised frame.
+    pub(super) fn points(&self) -> Vec<Vec3> {
+        (0..self.inside.len())
+            .filter(|&cell| self.inside[cell])
+            .map(|cell| ProbabilityMap::centre(self.resolution, cell))
+            .collect()
+    }
+
+    /// The share of its voxels that lie at the region's border.
+    pub(super) fn border_share(&self) -> f32 {
+        let points = self.points();
+        let border = points.iter().filter(|p| at_border(**p)).count();
+        border as f32 / points.len().max(1) as f32
+    }
+
+    /// Along which axes it goes on beyond the region: 1 or -1 where it does on one side, 0 where it does not or
+    /// on both; `None` where it ends within.
+    pub(super) fn goes_on(&self) -> Option<Vec3> {
+        if self.border_share() <= BORDER_SHARE {
+            return None;
+        }
+        let border: Vec<Vec3> = self
+            .points()
+            .into_iter()
+            .filter(|p| at_border(*p))
+            .collect();
+        let side = |axis: usize| {
+            let on = |sign: f32| {
+                let there = border.iter().filter(|p| sign * p[axis] > BORDER).count();
+                f32::from(there as f32 > SIDE_SHARE * border.len() as f32)
+            };
+            on(1.0) - on(-1.0)
+        };
+        Some(Vec3::new(side(0), side(1), side(2)))
+    }
+}
+
+/// Whether a point of the normalised frame lies at the region's border.
+fn at_border(point: Vec3) -> bool {
+    point.abs().max_element() > BORDER
 }
 
 fn voxel(point: Vec3, n: usize) -> Option<usize> {
@@ -106,7 +151,7 @@ impl Parts {
         while let Some(cell) = stack.pop() {
             let p = ProbabilityMap::centre(self.resolution, cell);
             part.voxels += 1;
-            part.border += usize::from(p.abs().max_element() > 0.97);
+            part.border += usize::from(at_border(p));
             part.central += (-0.5 * p.length_squared() / (CENTRAL * CENTRAL)).exp();
             part.low = part.low.min(p);
             part.high = part.high.max(p);
@@ -293,6 +338,15 @@ mod tests {
         let found = parts.most_central().unwrap();
         assert!(found.contains(Vec3::new(0.0, 0.0, 0.27)));
         assert!(!found.contains(Vec3::new(0.7, 0.0, -0.22)));
+    }
+
+    #[test]
+    fn what_goes_on_beyond_the_region_is_told_with_the_side() {
+        let found = |centre: Vec3| Parts::new(&shells(&[(centre, 0.5)]), N, None).most_central();
+        assert_eq!(found(Vec3::ZERO).unwrap().goes_on(), None);
+        let cut = found(Vec3::new(0.8, -0.1, -0.7)).unwrap();
+        assert_eq!(cut.goes_on(), Some(Vec3::new(1.0, 0.0, -1.0)));
+        assert!(cut.border_share() > BORDER_SHARE);
     }
 
     #[test]

@@ -1,12 +1,14 @@
 //! The region of interest: a cube in which the object must be.
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
 use io_colmap::SparsePoint;
 
 use crate::prepare::error::PrepareError;
 use crate::prepare::locate::{box_from_cameras, closest_to_ray};
 use crate::prepare::{Frame, TrainView};
 
+/// A region over the one in which the object was cut off.
+const ENLARGED: f64 = 1.5;
 /// The region over the box that a run without masks would have: what the object stands on has to go
 /// on around it to be known for what it is.
 const SURROUNDINGS: f64 = 1.7;
@@ -132,8 +134,37 @@ pub(super) fn at_pixel(
     })
 }
 
+/// A larger region for an object that goes on beyond `frame`: `towards` is -1 or 1 for axes along which it does on
+/// one side, where all of the growth goes.
+pub(super) fn enlarged(frame: &Frame, towards: Vec3) -> Frame {
+    Frame {
+        centre: frame.centre + (ENLARGED - 1.0) * frame.half_side * towards.as_dvec3(),
+        half_side: ENLARGED * frame.half_side,
+    }
+}
+
 /// Half the angle of a picture's smaller side, as a tangent.
 fn angle(view: &TrainView) -> f64 {
     let (fx, fy) = view.lens.0.focal();
     0.5 * f64::from(view.width().min(view.height())) / (fx * fy).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_larger_region_holds_the_one_before_and_grows_to_where_the_object_goes_on() {
+        let frame = Frame {
+            centre: DVec3::new(1.0, 2.0, 3.0),
+            half_side: 2.0,
+        };
+        let larger = enlarged(&frame, Vec3::new(1.0, -1.0, 0.0));
+        let (low, high) = (
+            larger.world_from_normalised(Vec3::NEG_ONE),
+            larger.world_from_normalised(Vec3::ONE),
+        );
+        assert_eq!(low, DVec3::new(-1.0, -2.0, 0.0));
+        assert_eq!(high, DVec3::new(5.0, 4.0, 6.0));
+    }
 }

@@ -220,10 +220,11 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
         &hint,
         &job.config,
         &job.interrupt,
-        |_, steps| {
-            stage
-                .get_or_insert_with(|| progress.stage("looking for the object", steps as usize))
-                .advance();
+        |done, steps| {
+            if done == 1 {
+                stage = Some(progress.stage("looking for the object", steps as usize));
+            }
+            stage.iter_mut().for_each(|stage| stage.advance());
         },
     )?;
     drop(stage);

@@ -1,0 +1,143 @@
+//! One look at a region: the whole scene is learnt there, and falls into parts.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use glam::Vec3;
+use io_colmap::SparsePoint;
+use scene_decomp::probability::ProbabilityMap;
+
+use super::hint::Hint;
+use super::parts::{PartSet, Parts};
+use super::plane;
+use crate::config::TrainConfig;
+use crate::prepare::error::PrepareError;
+use crate::prepare::outline::{outline, silhouette};
+use crate::prepare::votes::ViewTrust;
+use crate::prepare::{Frame, Prepared, TrainView};
+use crate::train::Trainer;
+use crate::train::carve::depth::{DepthPicture, depth_pictures};
+use crate::train::carve::fusion::fuse;
+
+/// Voxels per axis on which shapes are told apart.
+const RESOLUTION: usize = 160;
+/// Rays whose depths are asked, in all views together, at most.
+const RAYS: usize = 1_500_000;
+/// Pixels between the rays of a silhouette.
+const STRIDE: u32 = 2;
+/// How much of what was found must be found again for it to be the same.
+const SAME: f32 = 0.5;
+
+/// What was found in a region.
+pub(super) struct Look {
+    /// All views, in the region's frame.
+    pub(super) data: Prepared,
+    /// What each of them shows.
+    pub(super) depths: Vec<DepthPicture>,
+    /// The object.
+    pub(super) chosen: PartSet,
+    /// How many parts there are.
+    pub(super) parts: usize,
+    /// Whether there was a ground to be taken away.
+    pub(super) has_ground: bool,
+}
+
+impl Look {
+    /// Learns the `region` and chooses the object in it; `None` when `interrupt` came up.
+    pub(super) fn new(
+        views: &[TrainView],
+        points: &[SparsePoint],
+        hint: &Hint,
+        config: &TrainConfig,
+        region: Frame,
+        interrupt: &AtomicBool,
+        progress: &mut dyn FnMut(u32, u32),
+    ) -> Result<Option<Self>, PrepareError> {
+        let data = prepared(views, region, config);
+        let mut trainer = Trainer::new(config, &data)?;
+        while trainer.step_number() < config.steps {
+            if interrupt.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            let report = trainer.step(&data);
+            if !report.is_finite() {
+                return Err(PrepareError::Diverged(trainer.step_number()));
+            }
+            progress(trainer.step_number(), config.steps);
+        }
+        let depths = depth_pictures(&trainer.freeze_before(), &data, RAYS);
+        let solid = fuse(&data, &depths, &data.map, 0.5);
+        let cameras: Vec<Vec3> = data
+            .views
+            .iter()
+            .map(|view| view.world_from_camera(&data.frame).translation.into())
+            .collect();
+        let sparse: Vec<Vec3> = points
+            .iter()
+            .map(|point| data.frame.normalised_from_world(point.position))
+            .collect();
+        let ground = plane::ground(&sparse, &cameras, config.seed).or_else(|| {
+            let surface = plane::surface_points(&solid, RESOLUTION);
+            plane::ground_of_surface(&surface, &cameras, config.seed)
+        });
+        let parts = Parts::new(&solid, RESOLUTION, ground.as_ref());
+        let chosen = hint.choose(&parts, &data, &depths)?;
+        Ok(Some(Self {
+            data,
+            depths,
+            chosen,
+            parts: parts.count(),
+            has_ground: ground.is_some(),
+        }))
+    }
+
+    /// Where the object goes on beyond the region, unless the region is the user's; see [`PartSet::goes_on`].
+    pub(super) fn goes_on(&self, hint: &Hint) -> Option<Vec3> {
+        match hint {
+            Hint::Box(_) => None,
+            _ => self.chosen.goes_on(),
+        }
+    }
+
+    /// Whether this is the same object, and less of it lies beyond the region.
+    pub(super) fn shows_more_of(&self, other: &Self) -> bool {
+        let there = |point: Vec3| {
+            let world = other.data.frame.world_from_normalised(point);
+            self.chosen
+                .contains(self.data.frame.normalised_from_world(world))
+        };
+        let found = other.chosen.points();
+        let again = found.iter().filter(|point| there(**point)).count();
+        again as f32 > SAME * found.len() as f32
+            && self.chosen.border_share() < other.chosen.border_share()
+    }
+}
+
+/// The region of interest, in which everything may be the object.
+fn prepared(views: &[TrainView], frame: Frame, config: &TrainConfig) -> Prepared {
+    let views: Vec<TrainView> = views
+        .iter()
+        .map(|view| TrainView {
+            mask: None,
+            ..view.clone()
+        })
+        .collect();
+    let map = ProbabilityMap::new(RESOLUTION, vec![1.0; RESOLUTION.pow(3)]);
+    let outlines = views
+        .iter()
+        .map(|view| {
+            let everything = silhouette(view, &frame, &map, STRIDE);
+            outline(view, &everything, STRIDE, 0.0, 1, &config.prepare)
+        })
+        .collect();
+    let trust = ViewTrust(vec![0.0; views.len()]);
+    Prepared {
+        given_masks: vec![None; views.len()],
+        views,
+        trust,
+        frame,
+        map,
+        outlines,
+        points: Vec::new(),
+        notes: Vec::new(),
+    }
+}
