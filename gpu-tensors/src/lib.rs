@@ -2,7 +2,7 @@
 //!
 //! A custom op has its kernels in `cube.rs` next to its CPU kernel. What all of them need lives
 //! here: contiguous inputs and fresh outputs, a grid of workgroups for any number of items, sums
-//! of `f32` by many threads at once, elementary functions that keep their digits, and a network's
+//! of `f32` by many threads at once, running sums of counts, elementary functions that keep their digits, and a network's
 //! layers at many points with their weights' gradients.
 //!
 //! Everything is behind the feature `cube`, which the runtimes' features (`wgpu`, `vulkan`,
@@ -22,6 +22,8 @@ mod outer;
 mod points;
 #[cfg(feature = "cube")]
 mod rates;
+#[cfg(feature = "cube")]
+mod running_sums;
 #[cfg(feature = "cube")]
 mod sums;
 #[cfg(feature = "cube")]
@@ -44,9 +46,11 @@ pub use points::{BLOCK, LANES, PointMatrix, Quad, padded};
 #[cfg(feature = "cube")]
 pub use rates::{DeviceFailed, Rates, finish};
 #[cfg(feature = "cube")]
+pub use running_sums::running_sums;
+#[cfg(feature = "cube")]
 pub use sums::column_sums;
 #[cfg(feature = "cube")]
 pub use tensor::{
-    UNITS, add, buffer, contiguous, fresh, from_slice, own, poison_fresh_memory, read, units_for,
-    upload, zeros,
+    UNITS, add, buffer, contiguous, contiguous_words, fresh, fresh_words, from_slice, own,
+    poison_fresh_memory, read, units_for, upload, zero_words, zeros,
 };

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use burn::tensor::DType;
-use burn_cubecl::cubecl::ir::{ElemType, FloatKind};
+use burn_cubecl::cubecl::ir::{ElemType, FloatKind, IntKind};
 use burn_cubecl::cubecl::prelude::{BufferArg, CubeCount, CubeDim, CubeElement, InputScalar};
 use burn_cubecl::cubecl::{calculate_cube_count_elemwise, client::Client};
 use burn_cubecl::kernel::into_contiguous;
@@ -13,11 +13,14 @@ use burn_cubecl::tensor::CubeTensor;
 /// Threads of a workgroup: two or four planes on today's GPUs, within every device's limits.
 pub const UNITS: u32 = 64;
 
-/// Whether [`fresh`] memory is filled with NaN.
+/// Whether [`fresh`] memory is filled with NaN, and [`fresh_words`] with [`POISON_WORD`].
 static POISON: AtomicBool = AtomicBool::new(false);
 
-/// Has [`fresh`] fill its memory with NaN from now on, in the whole process: a kernel that leaves
-/// a part of its output unwritten then shows. For tests.
+/// No count, offset or set of flags that a test would expect.
+const POISON_WORD: i32 = 0x7FC0_BAD1;
+
+/// Has [`fresh`] fill its memory with NaN from now on, in the whole process, and [`fresh_words`] with a
+/// large number: a kernel that leaves a part of its output unwritten then shows. For tests.
 pub fn poison_fresh_memory(on: bool) {
     POISON.store(on, Ordering::Relaxed);
 }
@@ -36,24 +39,57 @@ pub fn contiguous(tensor: CubeTensor) -> CubeTensor {
     into_contiguous(tensor)
 }
 
+/// [`contiguous`] for whole numbers, which kernels read as `u32`.
+///
+/// # Panics
+/// When the tensor is not of a 32-bit integer type.
+#[must_use]
+pub fn contiguous_words(tensor: CubeTensor) -> CubeTensor {
+    assert!(
+        matches!(tensor.dtype, DType::I32 | DType::U32),
+        "gpu-tensors: expected a tensor of 32-bit integers, not {:?}",
+        tensor.dtype
+    );
+    into_contiguous(tensor)
+}
+
 /// A row-major tensor of arbitrary content where `like` is.
 #[must_use]
 pub fn fresh<const D: usize>(like: &CubeTensor, shape: [usize; D]) -> CubeTensor {
     if POISON.load(Ordering::Relaxed) {
         return filled(like, shape, f32::NAN);
     }
-    numeric::empty_device_contiguous_dtype(
-        like.client.clone(),
-        like.device.clone(),
-        shape.into(),
-        DType::F32,
-    )
+    empty(like, shape, DType::F32)
 }
 
 /// A row-major tensor of zeros where `like` is.
 #[must_use]
 pub fn zeros<const D: usize>(like: &CubeTensor, shape: [usize; D]) -> CubeTensor {
     filled(like, shape, 0.0)
+}
+
+/// [`fresh`] for whole numbers: Burn's `Int`, `u32` for kernels.
+#[must_use]
+pub fn fresh_words<const D: usize>(like: &CubeTensor, shape: [usize; D]) -> CubeTensor {
+    if POISON.load(Ordering::Relaxed) {
+        return words_filled(like, shape, POISON_WORD);
+    }
+    empty(like, shape, DType::I32)
+}
+
+/// [`zeros`] for whole numbers: Burn's `Int`, `u32` for kernels.
+#[must_use]
+pub fn zero_words<const D: usize>(like: &CubeTensor, shape: [usize; D]) -> CubeTensor {
+    words_filled(like, shape, 0)
+}
+
+fn empty<const D: usize>(like: &CubeTensor, shape: [usize; D], dtype: DType) -> CubeTensor {
+    numeric::empty_device_contiguous_dtype(
+        like.client.clone(),
+        like.device.clone(),
+        shape.into(),
+        dtype,
+    )
 }
 
 fn filled<const D: usize>(like: &CubeTensor, shape: [usize; D], value: f32) -> CubeTensor {
@@ -63,6 +99,16 @@ fn filled<const D: usize>(like: &CubeTensor, shape: [usize; D], value: f32) -> C
         like.device.clone(),
         InputScalar::new(value, ElemType::Float(FloatKind::F32)),
         DType::F32,
+    )
+}
+
+fn words_filled<const D: usize>(like: &CubeTensor, shape: [usize; D], value: i32) -> CubeTensor {
+    numeric::full_device_dtype(
+        like.client.clone(),
+        shape.into(),
+        like.device.clone(),
+        InputScalar::new(value, ElemType::Int(IntKind::I32)),
+        DType::I32,
     )
 }
 

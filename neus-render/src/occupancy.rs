@@ -16,10 +16,17 @@
 //! assert!(!grid.occupied(Vec3::splat(-0.9)));
 //! ```
 
+#[cfg(feature = "cube")]
+mod cube;
+#[cfg(feature = "cube")]
+mod device;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::random::unit_float;
+#[cfg(feature = "cube")]
+pub use device::{DeviceBits, DeviceOccupancy};
 
 /// Why stored values can't be a grid's.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -15,13 +15,21 @@
 //! The last interval behind the box is there whatever the grid says: something closes every view.
 //!
 //! With everything occupied, the intervals cover [near, far] without a gap.
+//!
+//! With the feature `cube`, `march_on_device` does the same on a GPU.
 
+#[cfg(feature = "cube")]
+mod cube;
+#[cfg(feature = "cube")]
+mod device;
 mod intervals;
 mod raster;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+#[cfg(feature = "cube")]
+pub use device::{DeviceGrids, DeviceIntervals, march_on_device, rays_on};
 pub use intervals::{Field, Intervals, Samples};
 use raster::{Flags, Raster};
 
@@ -48,6 +56,16 @@ pub enum Jitter {
     /// Shifted by a fraction of a step that hashes the seed and the ray's index in the batch. For
     /// training, with another seed at every step.
     Seeded(u64),
+}
+
+impl Jitter {
+    /// Where in the first step of ray `ray` the raster's first line lies, in (0, 1].
+    fn offset(self, ray: usize) -> f32 {
+        match self {
+            Self::Fixed => 1.0,
+            Self::Seeded(seed) => 1.0 - unit_float(seed, ray as u64),
+        }
+    }
 }
 
 /// How densely and how far rays are marched; lengths in units of half the object box.
@@ -149,10 +167,7 @@ impl Marcher {
             .for_each(|(number, (chunk, rays))| {
                 chunk.clear();
                 for (i, ray) in rays.iter().enumerate() {
-                    let offset = match config.jitter {
-                        Jitter::Fixed => 1.0,
-                        Jitter::Seeded(seed) => 1.0 - unit_float(seed, (number * CHUNK + i) as u64),
-                    };
+                    let offset = config.jitter.offset(number * CHUNK + i);
                     chunk.march_ray(ray, grids, config, offset);
                 }
             });

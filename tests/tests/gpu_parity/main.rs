@@ -1,7 +1,8 @@
 //! Every custom op and a whole training step on a GPU against the CPU: values and gradients.
 //!
-//! Ops are compared with their reference in `f64` (plain tensor operations on NdArray, set to
-//! double precision), the step with the same step on Flex. Without a device the tests are skipped
+//! Ops with gradients are compared with their reference in `f64` (plain tensor operations on NdArray, set to
+//! double precision), the step with the same step on Flex, and
+//! marching with the CPU's. Without a device the tests are skipped
 //! and say so; with `SOS_REQUIRE_GPU=1`, as `cargo xtask test --device wgpu` (or `cuda`) sets it, they fail.
 //! All memory that kernels write to is filled with NaN beforehand, so that gaps show.
 #![allow(clippy::unwrap_used)]
@@ -14,6 +15,10 @@ mod colour_field;
 mod composite;
 #[cfg(feature = "gpu")]
 mod encode;
+#[cfg(feature = "gpu")]
+mod march;
+#[cfg(feature = "gpu")]
+mod occupancy;
 #[cfg(feature = "gpu")]
 mod primitives;
 #[cfg(feature = "gpu")]

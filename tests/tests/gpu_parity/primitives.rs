@@ -1,13 +1,13 @@
-//! What all kernels rest on: atomic sums in both ways, outer products, elementary functions.
+//! What all kernels rest on: atomic sums in both ways, running sums, outer products, elementary functions.
 
 use gpu_tensors::cubecl;
 use gpu_tensors::{
     AtomicSum, CompareAndSwap, CubeTensor, NativeSum, Packed, PointMatrix, Rates, buffer,
     column_sums, exp_m1, fresh, from_slice, has_native_sum, layer_gradients, ln_1p, padded, read,
-    sigmoid, softplus, units_for, zeros,
+    running_sums, sigmoid, softplus, units_for, zeros,
 };
 
-use burn::tensor::Device;
+use burn::tensor::{Device, Int, Tensor, TensorData};
 use cubecl::prelude::*;
 
 use crate::support::{Random, assert_close, gpu, tensor};
@@ -75,6 +75,32 @@ fn a_launch_may_have_more_workgroups_than_an_axis_holds() {
     // Sums of up to 2^24 halves are exact.
     let found = add_many::<CompareAndSwap>(&like, adders);
     assert_eq!(found.iter().sum::<f32>(), 0.5 * adders as f32);
+}
+
+#[test]
+fn running_sums_stop_at_their_bound() {
+    let Some(device) = gpu() else {
+        return;
+    };
+    for n in [0, 1, 63, 64, 65, 4097, 300_000] {
+        let counts: Vec<i32> = (0..n).map(|i| i % 37 * 7919 % 23).collect();
+        let tensor = TensorData::new(counts.clone(), [counts.len()]);
+        let tensor = Tensor::<1, Int>::from_data(tensor, &device).into_dispatch();
+        let burn::backend::DispatchTensorKind::Cube(tensor) = tensor.kind else {
+            panic!("the device under test is not CubeCL's");
+        };
+        let tensor = tensor.int();
+        for most in [i32::MAX as u32, 500, 0] {
+            let sums = running_sums(&tensor, most);
+            let bytes = sums.client.read_one_unchecked(sums.handle.clone());
+            let found = &u32::from_bytes(&bytes)[..sums.meta.shape()[0]];
+            let mut expected = vec![0];
+            for count in &counts {
+                expected.push((expected[expected.len() - 1] + *count as u32).min(most));
+            }
+            assert!(found == expected, "{n} counts, at most {most}");
+        }
+    }
 }
 
 /// A matrix on the device with its values on the host, in double precision; padding is NaN below the
