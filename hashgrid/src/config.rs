@@ -13,6 +13,20 @@ pub enum Interpolation {
     Smoothstep,
 }
 
+/// What kernels on GPUs read of a table.
+///
+/// The table itself, which the optimiser changes, and all arithmetic are single precision either way, and so is
+/// everything on the CPU.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum TableReads {
+    /// The table.
+    #[default]
+    Single,
+    /// A copy of it in half precision (IEEE's binary16, rounded to nearest even), which each op makes once: twice as
+    /// many entries in a cache. Values are within 2^-11 of themselves or 2^-25, and infinite from 65 520 on.
+    Half,
+}
+
 /// The shape of a multi-resolution hash grid (Müller et al. 2022, table 1).
 ///
 /// The default is the paper's: 16 levels of 2 features, 16 to 2048 cells per axis, `2^19` entries
@@ -36,6 +50,9 @@ pub struct GridConfig {
     pub log2_table_size: u32,
     /// How corners are blended.
     pub interpolation: Interpolation,
+    /// What kernels on GPUs read.
+    #[serde(default)]
+    pub device_reads: TableReads,
 }
 
 impl Default for GridConfig {
@@ -47,6 +64,7 @@ impl Default for GridConfig {
             finest_resolution: 2048,
             log2_table_size: 19,
             interpolation: Interpolation::Linear,
+            device_reads: TableReads::Single,
         }
     }
 }

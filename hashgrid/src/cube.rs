@@ -1,10 +1,13 @@
 //! A point's cell on a level, as GPU kernels see it: shared by the encoding and by ops that fuse it.
 //!
 //! The arithmetic is that of [`cpu`](crate::cpu), one point to a thread. Levels are uploaded as
-//! [`level_words`]; tables stay what they are on the CPU, `[entries, 2]`, row-major.
+//! [`level_words`]; tables stay what they are on the CPU, `[entries, 2]`, row-major, and are read by
+//! [`Entries`].
 
 // What the macros generate has no documentation of its own.
 #![allow(missing_docs)]
+
+mod entries;
 
 use gpu_tensors::{AtomicSum, cubecl};
 
@@ -12,6 +15,7 @@ use crate::config::Interpolation;
 use crate::cpu::PRIMES;
 use crate::layout::{FEATURES, GridLayout};
 use cubecl::prelude::*;
+pub use entries::{DeviceTable, Entries, Half, Single};
 
 /// Words per level in [`level_words`].
 pub const LEVEL_WORDS: usize = 4;
@@ -159,17 +163,17 @@ fn lerp(a: Pair, b: Pair, w: Pair) -> Pair {
     a + w * (b - a)
 }
 
-/// Both features of the cell at the point, and their derivatives by it. The table is `[entries]`, in pairs.
+/// Both features of the cell at the point, and their derivatives by it. The table is `[entries]`.
 #[cube]
-pub fn blend(cell: &Cell, table: &[Pair]) -> Blend {
-    let c0 = table[entry(cell, 0u32)];
-    let c1 = table[entry(cell, 1u32)];
-    let c2 = table[entry(cell, 2u32)];
-    let c3 = table[entry(cell, 3u32)];
-    let c4 = table[entry(cell, 4u32)];
-    let c5 = table[entry(cell, 5u32)];
-    let c6 = table[entry(cell, 6u32)];
-    let c7 = table[entry(cell, 7u32)];
+pub fn blend<E: Entries>(cell: &Cell, table: &[E::Word]) -> Blend {
+    let c0 = E::entry(table, entry(cell, 0u32));
+    let c1 = E::entry(table, entry(cell, 1u32));
+    let c2 = E::entry(table, entry(cell, 2u32));
+    let c3 = E::entry(table, entry(cell, 3u32));
+    let c4 = E::entry(table, entry(cell, 4u32));
+    let c5 = E::entry(table, entry(cell, 5u32));
+    let c6 = E::entry(table, entry(cell, 6u32));
+    let c7 = E::entry(table, entry(cell, 7u32));
     let wx = Pair::new(cell.x.weight);
     let wy = Pair::new(cell.y.weight);
     let wz = Pair::new(cell.z.weight);

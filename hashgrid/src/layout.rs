@@ -1,6 +1,6 @@
 //! Where each level's entries lie in the table.
 
-use crate::config::{GridConfig, GridConfigError, Interpolation};
+use crate::config::{GridConfig, GridConfigError, Interpolation, TableReads};
 
 /// Features per table entry. Both of an entry's features are loaded as one 8-byte word.
 pub const FEATURES: usize = 2;
@@ -33,6 +33,8 @@ pub struct GridLayout {
     pub levels: Vec<LevelLayout>,
     /// How corners are blended, the same on all levels.
     pub interpolation: Interpolation,
+    /// What kernels on GPUs read.
+    pub device_reads: TableReads,
 }
 
 impl GridLayout {
@@ -78,6 +80,7 @@ impl GridLayout {
         Ok(Self {
             levels,
             interpolation: config.interpolation,
+            device_reads: config.device_reads,
         })
     }
 

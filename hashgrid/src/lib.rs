@@ -52,7 +52,7 @@ mod lazy_adam;
 mod sparse_grad;
 mod update;
 
-pub use config::{GridConfig, GridConfigError, Interpolation};
+pub use config::{GridConfig, GridConfigError, Interpolation, TableReads};
 pub use encode::{EncodeConfig, EncodeOps, encode, encode_with_jacobian, reference};
 pub use grid::HashGrid;
 pub use layout::{BLOCK_ENTRIES, FEATURES, GridLayout, LevelLayout};

@@ -8,7 +8,11 @@ use gpu_tensors::{
 
 use super::backward::EncodeBackward;
 use super::{EncodeConfig, EncodeOps};
-use crate::cube::{Blend, Pair, blend, is_smooth, level_words, locate, pair, scatter};
+use crate::config::TableReads;
+use crate::cube::{
+    Blend, DeviceTable, Entries, Half, Pair, Single, blend, is_smooth, level_words, locate, pair,
+    scatter,
+};
 use crate::layout::FEATURES;
 use cubecl::prelude::*;
 
@@ -65,27 +69,14 @@ impl EncodeBackward for Cube {
     ) -> FloatTensor<Self> {
         let n = points.shape()[0];
         let out = fresh(&points, [n, 3]);
-        if n == 0 {
-            return out;
-        }
-        let client = &out.client;
-        let (count, dim) = units_for(client, n);
-        // SAFETY: threads beyond the points return at once; `level_words` has checked the levels.
-        unsafe {
-            points_kernel::launch_unchecked(
-                client,
-                count,
-                dim,
-                buffer(&contiguous(points)),
-                buffer(&contiguous(table)),
-                upload(client, &level_words(&config.layout)),
-                buffer(&contiguous(grad)),
-                buffer(&out),
-                n as u32,
-                config.active_levels as u32,
-                config.layout.levels.len(),
-                is_smooth(&config.layout),
-            );
+        if n > 0 {
+            let table = DeviceTable::new(table, &config.layout);
+            match table.reads {
+                TableReads::Single => {
+                    points_gradient::<Single>(points, &table, grad, config, &out);
+                }
+                TableReads::Half => points_gradient::<Half>(points, &table, grad, config, &out),
+            }
         }
         out
     }
@@ -98,27 +89,70 @@ fn forward(
     out: &CubeTensor,
     width: usize,
 ) {
-    let n = points.shape()[0];
-    if n == 0 {
+    if points.shape()[0] == 0 {
         return;
     }
+    let table = DeviceTable::new(table, &config.layout);
+    match table.reads {
+        TableReads::Single => forward_from::<Single>(points, &table, config, out, width),
+        TableReads::Half => forward_from::<Half>(points, &table, config, out, width),
+    }
+}
+
+fn forward_from<E: Entries>(
+    points: CubeTensor,
+    table: &DeviceTable,
+    config: &EncodeConfig,
+    out: &CubeTensor,
+    width: usize,
+) {
+    let n = points.shape()[0];
     let client = &out.client;
     let levels = config.layout.levels.len();
     let (count, dim) = units_for(client, n * levels);
     // SAFETY: threads beyond the points return at once; `level_words` has checked the levels.
     unsafe {
-        forward_kernel::launch_unchecked(
+        forward_kernel::launch_unchecked::<E>(
             client,
             count,
             dim,
             buffer(&contiguous(points)),
-            buffer(&contiguous(table)),
+            table.buffer(),
             upload(client, &level_words(&config.layout)),
             buffer(out),
             n as u32,
             config.active_levels as u32,
             levels,
             width,
+            is_smooth(&config.layout),
+        );
+    }
+}
+
+fn points_gradient<E: Entries>(
+    points: CubeTensor,
+    table: &DeviceTable,
+    grad: CubeTensor,
+    config: &EncodeConfig,
+    out: &CubeTensor,
+) {
+    let n = points.shape()[0];
+    let client = &out.client;
+    let (count, dim) = units_for(client, n);
+    // SAFETY: threads beyond the points return at once; `level_words` has checked the levels.
+    unsafe {
+        points_kernel::launch_unchecked::<E>(
+            client,
+            count,
+            dim,
+            buffer(&contiguous(points)),
+            table.buffer(),
+            upload(client, &level_words(&config.layout)),
+            buffer(&contiguous(grad)),
+            buffer(out),
+            n as u32,
+            config.active_levels as u32,
+            config.layout.levels.len(),
             is_smooth(&config.layout),
         );
     }
@@ -158,9 +192,9 @@ fn table_gradient<A: AtomicSum>(
 
 /// Thread `i` encodes point `i % n` on level `i / n`: neighbours share a level's part of the table.
 #[cube(launch_unchecked)]
-fn forward_kernel(
+fn forward_kernel<E: Entries>(
     points: &[f32],
-    table: &[Pair],
+    table: &[E::Word],
     levels: &[u32],
     out: &mut [f32],
     n: u32,
@@ -183,7 +217,7 @@ fn forward_kernel(
                 level,
                 smooth,
             );
-            let both = blend(&cell, table);
+            let both = blend::<E>(&cell, table);
             out[at] = both.value.extract(0usize);
             out[at + width] = both.value.extract(1usize);
             if comptime!(width > 1) {
@@ -247,9 +281,9 @@ fn table_kernel<A: AtomicSum>(
 
 /// One thread per point: `Jᵀ grad` over all levels.
 #[cube(launch_unchecked)]
-fn points_kernel(
+fn points_kernel<E: Entries>(
     points: &[f32],
-    table: &[Pair],
+    table: &[E::Word],
     levels: &[u32],
     grad: &[f32],
     out: &mut [f32],
@@ -273,7 +307,7 @@ fn points_kernel(
                 level,
                 smooth,
             );
-            let both = blend(&cell, table);
+            let both = blend::<E>(&cell, table);
             let at = (point * level_count + level) * 2;
             let g = pair(grad[at], grad[at + 1]);
             dx += g * both.x;

@@ -64,6 +64,7 @@ impl SdfFieldConfig {
         GridLayout {
             levels: self.layout.levels[..self.active_levels].to_vec(),
             interpolation: self.layout.interpolation,
+            device_reads: self.layout.device_reads,
         }
     }
 }

@@ -4,17 +4,24 @@ use std::sync::Arc;
 
 use burn::Tensor;
 use burn::tensor::Device;
-use hashgrid::{GridConfig, GridLayout, Interpolation, encode, encode_with_jacobian, reference};
+use hashgrid::{
+    GridConfig, GridLayout, Interpolation, TableReads, encode, encode_with_jacobian, reference,
+};
 
-use crate::support::{GRADIENT, Random, VALUE, assert_close, gpu, numbers, oracle, tensor};
+use crate::support::{GRADIENT, Random, VALUE, assert_close, gpu, halved, numbers, oracle, tensor};
 
 fn layout(interpolation: Interpolation) -> Arc<GridLayout> {
+    layout_read(interpolation, TableReads::Single)
+}
+
+fn layout_read(interpolation: Interpolation, device_reads: TableReads) -> Arc<GridLayout> {
     Arc::new(GridLayout::new(&GridConfig {
         levels: 6,
         base_resolution: 4,
         finest_resolution: 61,
         log2_table_size: 12,
         interpolation,
+        device_reads,
         ..GridConfig::default()
     }))
 }
@@ -45,7 +52,11 @@ fn run(
     let device = &device.clone().autodiff();
     let features = layout.features();
     let mut random = Random(99);
-    let table = random.list(2 * layout.entries());
+    let mut table = random.list(2 * layout.entries());
+    if !kernel && layout.device_reads == TableReads::Half {
+        // What kernels round to.
+        table.iter_mut().for_each(|value| *value = halved(*value));
+    }
     let upstream = random.list(n * features * 4);
     let points = points(n);
     let dh = tensor(&upstream[..n * features], [n, features], device);
@@ -86,17 +97,74 @@ fn values_and_gradients_are_the_references() {
     let Some(gpu) = gpu() else {
         return;
     };
-    for interpolation in [Interpolation::Linear, Interpolation::Smoothstep] {
-        let layout = layout(interpolation);
+    for (interpolation, reads) in [
+        (Interpolation::Linear, TableReads::Single),
+        (Interpolation::Smoothstep, TableReads::Single),
+        (Interpolation::Linear, TableReads::Half),
+        (Interpolation::Smoothstep, TableReads::Half),
+    ] {
+        let layout = layout_read(interpolation, reads);
         for (n, active) in [(1, 6), (65, 4), (1000, 6)] {
             let found = run(&gpu, &layout, n, active, true);
             let expected = run(&oracle(), &layout, n, active, false);
             for ((what, found, tolerance), (_, expected, _)) in found.iter().zip(&expected) {
-                let what = format!("{what}, {n} points, {active} levels, {interpolation:?}");
+                let what =
+                    format!("{what}, {n} points, {active} levels, {interpolation:?}, {reads:?}");
                 assert_close(&what, found, expected, *tolerance);
             }
         }
     }
+}
+
+/// At a node a value is its entry's.
+#[test]
+fn entries_in_half_precision_are_rounded_to_the_nearest() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let config = GridConfig {
+        levels: 1,
+        base_resolution: 16,
+        finest_resolution: 16,
+        device_reads: TableReads::Half,
+        ..GridConfig::default()
+    };
+    let layout = Arc::new(GridLayout::new(&config));
+    // Of all sizes that half precision has, down to nothing; ties of both kinds; the largest that fit.
+    let mut values: Vec<f32> = Random(8).list(2 * 17 * 17 * 17);
+    for (i, value) in values.iter_mut().enumerate() {
+        *value *= (16.0 - (i % 45) as f32).exp2();
+    }
+    let ties = [1.0 + 1.0 / 2048.0, 1.0 + 3.0 / 2048.0, 65_519.9, -65_504.0];
+    let small = [6.1e-5, 3.0 / 33_554_432.0, -1.0 / 33_554_432.0, 1e-30, -0.0];
+    for (value, special) in values.iter_mut().zip(ties.into_iter().chain(small)) {
+        *value = special;
+    }
+    let mut table = values.clone();
+    table.resize(2 * layout.entries(), 0.0);
+    // A node on an upper face is blended from its neighbour's entry, which may be much larger.
+    let inner = |node: &usize| {
+        [node % 17, node / 17 % 17, node / 289]
+            .iter()
+            .all(|at| *at < 16)
+    };
+    let nodes: Vec<usize> = (0..17 * 17 * 17).filter(inner).collect();
+    let points: Vec<f32> = nodes
+        .iter()
+        .flat_map(|node| [node % 17, node / 17 % 17, node / 289])
+        .map(|coordinate| coordinate as f32 / 16.0)
+        .collect();
+    let table = tensor(&table, [layout.entries(), 2], &gpu);
+    let points = tensor(&points, [points.len() / 3, 3], &gpu);
+    let found = numbers(encode(points, table, &layout, 1));
+    let mut apart = 0;
+    for (found, node) in found.chunks_exact(2).zip(nodes) {
+        for (found, value) in found.iter().zip(&values[2 * node..]) {
+            assert_eq!(*found, f64::from(halved(*value)), "{value:e} at {node}");
+            apart += usize::from(*found != f64::from(*value));
+        }
+    }
+    assert!(apart > 1000, "rounding changes most of them");
 }
 
 #[test]

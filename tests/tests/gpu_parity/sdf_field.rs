@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use hashgrid::{GridConfig, GridLayout, SparseGrad};
+use hashgrid::{GridConfig, GridLayout, SparseGrad, TableReads};
 use scene_decomp::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, reference, sdf_field};
 
-use crate::support::{GRADIENT, Random, VALUE, assert_close, gpu, numbers, oracle, tensor};
+use crate::support::{GRADIENT, Random, VALUE, assert_close, gpu, halved, numbers, oracle, tensor};
 
 const HIDDEN: usize = 64;
 const OUTPUTS: usize = 16;
@@ -16,6 +16,7 @@ struct Case {
     active: usize,
     normal: Normal,
     levels: usize,
+    reads: TableReads,
 }
 
 impl Case {
@@ -25,6 +26,7 @@ impl Case {
             base_resolution: 4,
             finest_resolution: 40,
             log2_table_size: 10,
+            device_reads: self.reads,
             ..GridConfig::default()
         }))
     }
@@ -40,15 +42,20 @@ impl Case {
         }
     }
 
-    fn weights(&self, device: &Device) -> SdfFieldWeights {
+    /// With the table as kernels on GPUs read it, if wanted.
+    fn weights(&self, device: &Device, as_read: bool) -> SdfFieldWeights {
         let mut random = Random(7);
         let inputs = 3 + 2 * self.levels;
         let mut scaled = |count: usize, scale: f32| -> Vec<f32> {
             random.list(count).iter().map(|v| scale * v).collect()
         };
         let entries = self.layout().entries();
+        let mut table = scaled(2 * entries, 0.3);
+        if as_read && self.reads == TableReads::Half {
+            table.iter_mut().for_each(|value| *value = halved(*value));
+        }
         SdfFieldWeights {
-            table: tensor(&scaled(2 * entries, 0.3), [entries, 2], device).require_grad(),
+            table: tensor(&table, [entries, 2], device).require_grad(),
             w1: tensor(&scaled(HIDDEN * inputs, 0.4), [HIDDEN, inputs], device).require_grad(),
             b1: tensor(&scaled(HIDDEN, 0.2), [HIDDEN], device).require_grad(),
             w2: tensor(&scaled(OUTPUTS * HIDDEN, 0.3), [OUTPUTS, HIDDEN], device).require_grad(),
@@ -61,7 +68,7 @@ impl Case {
         let device = &device.clone().autodiff();
         let (n, columns) = (self.n, OUTPUTS + 3);
         let points = tensor(&Random(11).coordinates(3 * n, 2.0), [n, 3], device);
-        let weights = self.weights(device);
+        let weights = self.weights(device, !kernel);
         let config = self.config(sparse.clone());
         let op = if kernel {
             sdf_field
@@ -92,8 +99,8 @@ impl Case {
         let names = ["value", "table", "w1", "b1", "w2", "b2"];
         for ((name, found), expected) in names.iter().zip(found).zip(expected) {
             let what = format!(
-                "{name}, {} points, {} of {} levels, {:?}",
-                self.n, self.active, self.levels, self.normal
+                "{name}, {} points, {} of {} levels, {:?}, {:?}",
+                self.n, self.active, self.levels, self.normal, self.reads
             );
             let tolerance = if *name == "value" { VALUE } else { GRADIENT };
             assert_close(&what, found, expected, tolerance);
@@ -101,19 +108,22 @@ impl Case {
     }
 }
 
-fn cases() -> [Case; 5] {
+fn cases() -> [Case; 7] {
     [
-        (1, 5, Normal::Computed, 5),
-        (65, 2, Normal::Zero, 5),
-        (300, 3, Normal::Computed, 5),
-        (300, 9, Normal::Computed, 9),
-        (1000, 5, Normal::Zero, 5),
+        (1, 5, Normal::Computed, 5, TableReads::Single),
+        (65, 2, Normal::Zero, 5, TableReads::Single),
+        (300, 3, Normal::Computed, 5, TableReads::Single),
+        (300, 9, Normal::Computed, 9, TableReads::Single),
+        (1000, 5, Normal::Zero, 5, TableReads::Single),
+        (65, 2, Normal::Zero, 5, TableReads::Half),
+        (300, 9, Normal::Computed, 9, TableReads::Half),
     ]
-    .map(|(n, active, normal, levels)| Case {
+    .map(|(n, active, normal, levels, reads)| Case {
         n,
         active,
         normal,
         levels,
+        reads,
     })
 }
 
@@ -158,6 +168,7 @@ fn more_points_than_one_chunk_of_rows() {
         active: 3,
         normal: Normal::Computed,
         levels: 3,
+        reads: TableReads::Single,
     };
     // Against the CPU kernel, which has its own test against the reference.
     let found = case.run(&gpu, true, None);

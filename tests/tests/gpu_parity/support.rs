@@ -88,6 +88,21 @@ impl Random {
     }
 }
 
+/// The nearest number that IEEE's binary16 has, ties to even: what is left of a table's value in half precision.
+pub(crate) fn halved(value: f32) -> f32 {
+    let value = f64::from(value);
+    // Numbers between 2^e and 2^(e + 1) are 2^(e - 10) apart, and the smallest ones as those above 2^-14.
+    let exponent = value.abs().log2().floor().max(-14.0);
+    let spacing = (exponent - 10.0).exp2();
+    let nearest = (value / spacing).round_ties_even() * spacing;
+    let largest = 65_504.0;
+    if nearest.abs() > largest {
+        (nearest * f64::INFINITY) as f32
+    } else {
+        nearest as f32
+    }
+}
+
 /// A tensor in the device's own precision.
 pub(crate) fn tensor<const D: usize>(
     values: &[f32],

@@ -4,7 +4,7 @@
 //! as wide: beside a point's own column is a second one, of its normal's gradient.
 
 use gpu_tensors::{AtomicSum, LANES, Quad, cubecl, sigmoid, softplus};
-use hashgrid::cube::{Blend, Pair, blend, locate, pair, scatter};
+use hashgrid::cube::{Blend, Entries, Pair, blend, locate, pair, scatter};
 
 use cubecl::prelude::*;
 
@@ -34,9 +34,9 @@ impl Sizes {
 ///
 /// One thread for each point and level.
 #[cube(launch_unchecked)]
-pub(super) fn encode_kernel(
+pub(super) fn encode_kernel<E: Entries>(
     points: &[f32],
-    table: &[Pair],
+    table: &[E::Word],
     levels: &[u32],
     x: &mut [f32],
     jacobian: &mut [f32],
@@ -71,7 +71,7 @@ pub(super) fn encode_kernel(
                 level,
                 sizes.smooth,
             );
-            let both = blend(&cell, table);
+            let both = blend::<E>(&cell, table);
             value0 = select(inside, both.value.extract(0usize), 0.0f32);
             value1 = select(inside, both.value.extract(1usize), 0.0f32);
             if comptime!(sizes.normal) {

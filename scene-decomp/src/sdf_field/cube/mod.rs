@@ -11,7 +11,8 @@ use gpu_tensors::{
     CubeTensor, LANES, Packed, PointMatrix, buffer, contiguous, fresh, padded, units_for, upload,
     zeros,
 };
-use hashgrid::cube::{is_smooth, level_words};
+use hashgrid::TableReads;
+use hashgrid::cube::{DeviceTable, Entries, Half, Single, is_smooth, level_words};
 
 use super::backward::{DenseTable, SdfFieldBackward, SdfFieldGradients};
 use super::{Normal, SdfFieldConfig, SdfFieldOps};
@@ -22,12 +23,12 @@ use kernels::{Sizes, activate_kernel, encode_kernel, finish_kernel};
 /// Points whose activations are in memory at once: at the default sizes 80 MB on the way back.
 const CHUNK: usize = 32_768;
 
-/// What backward needs: the op's inputs.
+/// What backward needs: the op's inputs, the table as kernels read it.
 #[derive(Clone, Debug)]
 #[allow(unreachable_pub)] // an associated type of a public backend must be public
 pub struct Saved {
     points: CubeTensor,
-    table: CubeTensor,
+    table: DeviceTable,
     w1: CubeTensor,
     b1: CubeTensor,
     w2: CubeTensor,
@@ -109,6 +110,18 @@ impl Saved {
     /// The network's inputs at `count` points from `first` on, and their Jacobian; the inputs in rows of
     /// `stride` points.
     fn encode(&self, first: usize, count: usize, stride: usize) -> (PointMatrix, PointMatrix) {
+        match self.table.reads {
+            TableReads::Single => self.encode_from::<Single>(first, count, stride),
+            TableReads::Half => self.encode_from::<Half>(first, count, stride),
+        }
+    }
+
+    fn encode_from<E: Entries>(
+        &self,
+        first: usize,
+        count: usize,
+        stride: usize,
+    ) -> (PointMatrix, PointMatrix) {
         let sizes = self.sizes();
         let across = padded(count);
         let x = PointMatrix::fresh(&self.points, sizes.inputs() + 1, stride);
@@ -118,12 +131,12 @@ impl Saved {
         // SAFETY: threads beyond the levels return at once; `level_words` has checked the levels, and
         // `sdf_field` the shapes.
         unsafe {
-            encode_kernel::launch_unchecked(
+            encode_kernel::launch_unchecked::<E>(
                 client,
                 cubes,
                 dim,
                 buffer(&self.points),
-                buffer(&self.table),
+                self.table.buffer(),
                 upload(client, &level_words(&self.config.layout)),
                 buffer(&x.data),
                 buffer(&jacobian.data),
@@ -194,7 +207,7 @@ impl SdfFieldBackward for Cube {
     ) -> (FloatTensor<Self>, Self::Saved) {
         let saved = Saved {
             points: contiguous(points),
-            table: contiguous(table),
+            table: DeviceTable::new(table, &config.layout),
             w1: contiguous(w1),
             b1: contiguous(b1),
             w2: contiguous(w2),
