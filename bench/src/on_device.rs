@@ -11,8 +11,11 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use burn::tensor::{Device, Tensor, TensorData};
 use gpu_tensors::{Rates, finish};
-use hashgrid::{GridConfig, GridLayout, LazyAdam, SparseGrad};
+use hashgrid::{GridConfig, GridLayout, LazyAdam, SparseGrad, TableReads};
 use neus_render::composite::{self, CompositeConfig, Packing};
+use neus_render::march::{DeviceGrids, MarchConfig, march_on_device, rays_on};
+use neus_render::occupancy::{DeviceBits, OccupancyGrid};
+use neus_render::rays::Ray;
 use scene_decomp::Surface;
 use scene_decomp::colour_field::{ColourFieldInputs, colour_field};
 use serde::Serialize;
@@ -183,6 +186,22 @@ impl Bench<'_> {
             || plain.geometry(),
             || tracked.geometry(),
         )?);
+        let halved = Arc::new(GridLayout {
+            device_reads: TableReads::Half,
+            ..GridLayout::clone(&layout)
+        });
+        let plain_halved = Case::new(points, &halved, self.device);
+        let tracked_halved = Case::new(points, &halved, &self.device.clone().autodiff());
+        // Shares are of what the op costs otherwise.
+        ops.extend(self.both_ways(
+            [
+                ("halved table, forward", forward),
+                ("halved table, backward", backward),
+            ],
+            points,
+            || plain_halved.geometry(),
+            || tracked_halved.geometry(),
+        )?);
         let geometry = plain.geometry();
         let tracked_geometry = tracked.geometry().detach().require_grad();
         ops.extend(self.both_ways(
@@ -206,6 +225,9 @@ impl Bench<'_> {
             || rays.pixels(),
             || tracked_rays.pixels(),
         )?);
+        let marching = Marching::new(sizes, self.device);
+        let seconds = self.time(|| marching.march())?;
+        ops.push(self.figures(("marching", Marching::COST), points, seconds));
         let mut table = plain;
         let mut adam = LazyAdam::new(&layout);
         // There has to be a gradient, or next to nothing is done.
@@ -334,6 +356,61 @@ impl Rays {
             self.packing.clone(),
             CompositeConfig::default(),
         )
+    }
+}
+
+/// Rays through a grid in which everything is occupied, for marching.
+struct Marching {
+    rays: Tensor<2>,
+    bits: DeviceBits,
+    config: MarchConfig,
+    capacity: usize,
+}
+
+impl Marching {
+    /// Of an interval: midpoint, length and flags are written. The grid's bits are in the cache.
+    const COST: Cost = Cost {
+        flops: 0.0,
+        bytes: 3.0 * VALUE,
+        scattered: 0.0,
+        added: 0.0,
+    };
+
+    /// Rays side by side, with as many steps across the box as there are samples.
+    fn new(sizes: Sizes, device: &Device) -> Self {
+        let rays: Vec<Ray> = (0..sizes.rays)
+            .map(|i| {
+                let x = 1.8 * (i as f32 + 0.5) / sizes.rays as f32 - 0.9;
+                Ray {
+                    origin: glam::Vec3::new(x, -x, -3.0),
+                    direction: glam::Vec3::Z,
+                }
+            })
+            .collect();
+        let mut grid = OccupancyGrid::new(128, 1.0);
+        grid.set_all(1.0);
+        Self {
+            rays: rays_on(device, &rays),
+            bits: DeviceBits::upload(&grid, device),
+            config: MarchConfig {
+                step_object: 2.0 / sizes.samples as f32,
+                ..MarchConfig::default()
+            },
+            capacity: sizes.rays * sizes.samples,
+        }
+    }
+
+    fn march(&self) {
+        let grids = DeviceGrids {
+            object: Some(&self.bits),
+            background: None,
+        };
+        drop(march_on_device(
+            self.rays.clone(),
+            grids,
+            &self.config,
+            self.capacity,
+        ));
     }
 }
 
