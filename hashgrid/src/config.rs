@@ -18,6 +18,7 @@ pub enum Interpolation {
 /// The table itself, which the optimiser changes, and all arithmetic are single precision either way, and so is
 /// everything on the CPU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum TableReads {
     /// The table.
     #[default]

@@ -5,7 +5,7 @@ use super::sections::{
     AlphaSource, Blend, ColourLoss, ExportConfig, Fields, Interpolation, LossConfig, Majority,
     ModelConfig, PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
 };
-use hashgrid::MomentPrecision;
+use hashgrid::{MomentPrecision, TableReads};
 use serde::{Deserialize, Serialize};
 
 /// A named set of values for the whole configuration.
@@ -50,6 +50,7 @@ fn default() -> TrainConfig {
             base_resolution: 16,
             finest_resolution: 0,
             log2_table_size: 18,
+            table_reads: TableReads::Single,
             direction_degree: 1,
             interpolation: Interpolation::Linear,
             hidden: 64,
@@ -176,6 +177,7 @@ fn paper() -> TrainConfig {
             base_resolution: 16,
             finest_resolution: 2048,
             log2_table_size: 19,
+            table_reads: TableReads::Single,
             direction_degree: 1,
             interpolation: Interpolation::Linear,
             hidden: 64,

@@ -81,6 +81,7 @@ pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
             Interpolation::Linear => hashgrid::Interpolation::Linear,
             Interpolation::Smoothstep => hashgrid::Interpolation::Smoothstep,
         },
+        device_reads: model.table_reads,
         ..GridConfig::default()
     };
     let semantic = model.fields == Fields::Semantic;
