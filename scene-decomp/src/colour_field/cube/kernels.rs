@@ -1,6 +1,9 @@
 //! The kernels around the network's layers. Matrices are [`gpu_tensors::PointMatrix`], `across` their
 //! points.
 
+// Kernels cannot ask ranges.
+#![allow(clippy::manual_range_contains)]
+
 use gpu_tensors::{cubecl, sigmoid};
 
 use crate::colour_field::row::{LEAST_LOG_DENSITY, LENGTH_OFFSET, MOST_LOG_DENSITY, row_column};
