@@ -60,25 +60,8 @@ pub fn find_object(
     mut progress: impl FnMut(u32, u32),
 ) -> Result<Option<Discovery>, PrepareError> {
     let config = search_config(config);
-    let region = hint.region(views, points)?;
-    let Some(mut look) = Look::new(
-        views,
-        points,
-        hint,
-        &config,
-        region,
-        interrupt,
-        &mut progress,
-    )?
-    else {
-        return Ok(None);
-    };
-    for _ in 1..MOST_LOOKS {
-        let Some(towards) = look.goes_on(hint) else {
-            break;
-        };
-        let region = region::enlarged(&look.data.frame, towards);
-        match Look::new(
+    let mut look_at = |region| {
+        Look::new(
             views,
             points,
             hint,
@@ -86,11 +69,27 @@ pub fn find_object(
             region,
             interrupt,
             &mut progress,
-        ) {
+        )
+    };
+    let Some(mut look) = look_at(hint.region(views, points)?)? else {
+        return Ok(None);
+    };
+    let mut stays = None;
+    for _ in 1..MOST_LOOKS {
+        let Some(towards) = look.goes_on(hint) else {
+            break;
+        };
+        match look_at(region::enlarged(&look.data.frame, towards)) {
             Ok(None) => return Ok(None),
             Ok(Some(wider)) if wider.shows_more_of(&look) => look = wider,
-            // From farther away it is no longer told apart.
-            Ok(Some(_)) | Err(_) => break,
+            Ok(Some(_)) => {
+                stays = Some("in a larger one it is not told apart".to_owned());
+                break;
+            }
+            Err(error) => {
+                stays = Some(format!("a larger one was of no use ({error})"));
+                break;
+            }
         }
     }
     let Look {
@@ -108,7 +107,7 @@ pub fn find_object(
             Mask::of_white(&mask, &view.store)
         })
         .collect::<Result<_, _>>()?;
-    let notes = vec![format!(
+    let mut notes = vec![format!(
         "no masks: {} taken for the object, one of {} parts in the box around ({:.3}, {:.3}, {:.3}) \
          of side {:.3}, {}; found_masks/ shows it",
         hint.reason(),
@@ -123,6 +122,11 @@ pub fn find_object(
             "where no ground was found"
         },
     )];
+    if let Some(why) = stays {
+        notes.push(format!(
+            "the object goes on beyond that box, and is cut off there: {why}"
+        ));
+    }
     Ok(Some(Discovery { masks, notes }))
 }
 

@@ -67,21 +67,19 @@ impl PartSet {
     /// The share of its voxels that lie at the region's border.
     pub(super) fn border_share(&self) -> f32 {
         let points = self.points();
-        let border = points.iter().filter(|p| at_border(**p)).count();
+        let border = points.iter().filter(|point| at_border(**point)).count();
         border as f32 / points.len().max(1) as f32
     }
 
     /// Along which axes it goes on beyond the region: 1 or -1 where it does on one side, 0 where it does not or
     /// on both; `None` where it ends within.
     pub(super) fn goes_on(&self) -> Option<Vec3> {
-        if self.border_share() <= BORDER_SHARE {
+        let mut border = self.points();
+        let voxels = border.len();
+        border.retain(|point| at_border(*point));
+        if border.len() as f32 <= BORDER_SHARE * voxels as f32 {
             return None;
         }
-        let border: Vec<Vec3> = self
-            .points()
-            .into_iter()
-            .filter(|p| at_border(*p))
-            .collect();
         let side = |axis: usize| {
             let on = |sign: f32| {
                 let there = border.iter().filter(|p| sign * p[axis] > BORDER).count();
