@@ -173,6 +173,7 @@ impl TrainConfig {
             ),
             ("schedule.sharpness_start", schedule.sharpness_start),
             ("prepare.box_margin", prepare.box_margin),
+            ("export.edge_width", export.edge_width),
         ] {
             if !value.is_finite() || value < 0.0 {
                 return Err(bad(key, value, "it cannot be negative".to_owned()));

@@ -122,6 +122,7 @@ fn default() -> TrainConfig {
         },
         export: ExportConfig {
             edge_rays: 8,
+            edge_width: 1.0,
             mesh_resolution: 256,
             follow_photos: true,
             fill_unseen: true,
@@ -155,6 +156,7 @@ fn quick() -> TrainConfig {
         },
         export: ExportConfig {
             edge_rays: 4,
+            edge_width: 1.0,
             mesh_resolution: 160,
             follow_photos: true,
             fill_unseen: true,
@@ -228,6 +230,7 @@ fn paper() -> TrainConfig {
         },
         export: ExportConfig {
             edge_rays: 16,
+            edge_width: 0.0,
             mesh_resolution: 512,
             follow_photos: false,
             fill_unseen: false,

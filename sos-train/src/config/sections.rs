@@ -270,6 +270,9 @@ pub struct PrepareConfig {
 pub struct ExportConfig {
     /// Rays per pixel along the matte's edge.
     pub edge_rays: u32,
+    /// Over how many pixels the object's opacity may fall off across its outline, before edges are supersampled; 0 for
+    /// as many as it does in training (see `render::edge_width`).
+    pub edge_width: f32,
     /// Cells along the longest side of the box when the mesh is cut.
     pub mesh_resolution: u32,
     /// Mattes end where their photo shows an outline, if that is close by (see `render::photo_outline`).

@@ -132,6 +132,14 @@ impl TrainView {
         frame.world_from_camera(&self.camera_from_world)
     }
 
+    /// How wide a pixel is at the middle of the object's box, in the normalised frame.
+    #[must_use]
+    pub fn pixel_at_object(&self, frame: &Frame) -> f64 {
+        let (fx, fy) = self.lens.0.focal();
+        let distance = (self.camera_from_world.centre() - frame.centre).length();
+        distance.max(1e-9) / (frame.half_side * (fx * fy).sqrt())
+    }
+
     /// The ray through a pixel position, in the normalised frame.
     #[must_use]
     pub fn ray(&self, world_from_camera: &Affine3A, pixel: Vec2) -> Option<Ray> {

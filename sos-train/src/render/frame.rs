@@ -1,5 +1,6 @@
 //! One picture from a camera where no photo was taken.
 
+use super::edge_width::EdgeWidth;
 use super::path::NovelCamera;
 use super::rays::FrozenScene;
 use glam::{Vec2, Vec3};
@@ -30,9 +31,11 @@ pub fn draw_object(scene: &FrozenScene, camera: &NovelCamera) -> Frame {
     let pixels = (camera.width * camera.height) as usize;
     let mut alpha = vec![0.0; pixels];
     let mut object = vec![Vec3::ZERO; pixels];
+    let edge_width = EdgeWidth::new(scene, camera.pixel_at_object());
     for (hit, &i) in scene.objects(&rays).iter().zip(&owner) {
-        alpha[i] += hit.object_opacity;
-        object[i] += hit.object_opacity * hit.object;
+        let opacity = edge_width.of(hit.object_opacity);
+        alpha[i] += opacity;
+        object[i] += opacity * hit.object;
     }
     straight(&mut alpha, &mut object);
     Frame {
@@ -54,9 +57,11 @@ pub fn draw_scene(scene: &FrozenScene, camera: &NovelCamera) -> Frame {
         scene: vec![Vec3::ZERO; pixels],
         background: vec![Vec3::ZERO; pixels],
     };
+    let edge_width = EdgeWidth::new(scene, camera.pixel_at_object());
     for (hit, &i) in scene.render(&rays).iter().zip(&owner) {
-        frame.alpha[i] += hit.matte;
-        frame.object[i] += hit.matte * hit.object;
+        let matte = edge_width.of(hit.matte);
+        frame.alpha[i] += matte;
+        frame.object[i] += matte * hit.object;
         frame.scene[i] += hit.joint / (RAYS * RAYS) as f32;
         frame.background[i] += hit.background / (RAYS * RAYS) as f32;
     }

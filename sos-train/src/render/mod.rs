@@ -1,6 +1,7 @@
 //! Final pictures: mattes, cut-outs, plates, normals, depth and the mesh of a trained scene;
 //! and pictures from where no photo was taken.
 
+mod edge_width;
 mod fill;
 pub mod frame;
 pub mod mesh;

@@ -31,6 +31,13 @@ pub struct NovelCamera {
 }
 
 impl NovelCamera {
+    /// How wide a pixel is at the middle of the object's box.
+    #[must_use]
+    pub fn pixel_at_object(&self) -> f32 {
+        let (fx, fy) = self.lens.0.focal();
+        self.world_from_camera.translation.length() / (fx * fy).sqrt() as f32
+    }
+
     /// The ray through a pixel position.
     #[must_use]
     pub fn ray(&self, pixel: Vec2) -> Option<Ray> {

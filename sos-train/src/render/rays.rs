@@ -170,7 +170,7 @@ impl FrozenScene {
     }
 
     /// Whether a matte is more than how opaque the surface is.
-    fn mattes_need_colours(&self) -> bool {
+    pub(super) fn mattes_need_colours(&self) -> bool {
         let model = &self.config.model;
         model.alpha != AlphaSource::Opacity || model.blend != Blend::Sample
     }

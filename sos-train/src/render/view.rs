@@ -3,6 +3,7 @@
 use glam::{Vec2, Vec3};
 use neus_render::rays::Ray;
 
+use super::edge_width::EdgeWidth;
 use super::fill::fill;
 use super::photo_outline::follow_photo;
 use super::rays::{FrozenScene, RenderedRay};
@@ -48,7 +49,12 @@ pub fn render_matte(scene: &FrozenScene, data: &Prepared, index: usize) -> Vec<f
     for (&i, matte) in at.iter().zip(scene.mattes(&rays)) {
         alpha[i as usize] = matte;
     }
-    supersample(scene, &ray_at, &at, width, height, &mut alpha);
+    let edge = edge_pixels(&alpha, &at, width, height);
+    let edge_width = EdgeWidth::new(scene, view.pixel_at_object(&data.frame) as f32);
+    for &i in &at {
+        alpha[i as usize] = edge_width.of(alpha[i as usize]);
+    }
+    supersample(scene, &ray_at, &edge, width, edge_width, &mut alpha);
     if scene.config.export.follow_photos {
         follow_photo(view, &mut alpha);
     }
@@ -205,35 +211,36 @@ fn object_normals(scene: &FrozenScene, rays: &[Ray], rendered: &[RenderedRay]) -
         .collect()
 }
 
-/// Replaces the matte of edge pixels by the mean over rays spread over the pixel.
+/// Which of the pixels `at` have a neighbour with another matte.
+fn edge_pixels(alpha: &[f32], at: &[u32], width: u32, height: u32) -> Vec<u32> {
+    let (w, h) = (width as i32, height as i32);
+    let differs = |&i: &u32| {
+        let (x, y) = ((i % width) as i32, (i / width) as i32);
+        let own = alpha[i as usize];
+        [(-1, 0), (1, 0), (0, -1), (0, 1)].iter().any(|(dx, dy)| {
+            let (x, y) = (x + dx, y + dy);
+            let inside = x >= 0 && y >= 0 && x < w && y < h;
+            inside && (alpha[(y * w + x) as usize] - own).abs() > EDGE
+        })
+    };
+    at.iter().copied().filter(differs).collect()
+}
+
+/// Replaces the matte of `edge` pixels by the mean over rays spread over the pixel.
 fn supersample(
     scene: &FrozenScene,
     ray_at: &dyn Fn(Vec2) -> Option<Ray>,
-    at: &[u32],
+    edge: &[u32],
     width: u32,
-    height: u32,
+    edge_width: EdgeWidth,
     alpha: &mut [f32],
 ) {
     let count = scene.config.export.edge_rays;
     if count <= 1 {
         return;
     }
-    let (w, h) = (width as i32, height as i32);
-    let edge: Vec<u32> = at
-        .iter()
-        .copied()
-        .filter(|&i| {
-            let (x, y) = ((i % width) as i32, (i / width) as i32);
-            let own = alpha[i as usize];
-            [(-1, 0), (1, 0), (0, -1), (0, 1)].iter().any(|(dx, dy)| {
-                let (x, y) = (x + dx, y + dy);
-                let inside = x >= 0 && y >= 0 && x < w && y < h;
-                inside && (alpha[(y * w + x) as usize] - own).abs() > EDGE
-            })
-        })
-        .collect();
     let (mut rays, mut owner) = (Vec::new(), Vec::new());
-    for &i in &edge {
+    for &i in edge {
         let corner = Vec2::new((i % width) as f32, (i / width) as f32);
         for k in 0..count {
             // Evenly spread over the pixel: the additive recurrence of the plastic number.
@@ -249,7 +256,7 @@ fn supersample(
     }
     let mut sums = vec![(0.0f32, 0u32); alpha.len()];
     for (&i, matte) in owner.iter().zip(scene.mattes(&rays)) {
-        sums[i].0 += matte;
+        sums[i].0 += edge_width.of(matte);
         sums[i].1 += 1;
     }
     for (alpha, (sum, count)) in alpha.iter_mut().zip(sums) {

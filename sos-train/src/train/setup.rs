@@ -46,11 +46,7 @@ fn finest_resolution(scene: &Prepared) -> u32 {
     let mut cells: Vec<f64> = scene
         .views
         .iter()
-        .map(|view| {
-            let (fx, fy) = view.lens.0.focal();
-            let distance = (view.camera_from_world.centre() - scene.frame.centre).length();
-            2.0 * scene.frame.half_side * (fx * fy).sqrt() / distance.max(1e-9)
-        })
+        .map(|view| 2.0 / view.pixel_at_object(&scene.frame))
         .collect();
     cells.sort_by(f64::total_cmp);
     let median = cells.get(cells.len() / 2).copied().unwrap_or(512.0);
