@@ -36,7 +36,7 @@ pub use atomic::{AtomicSum, CompareAndSwap, NativeSum, has_native_sum};
 #[cfg(feature = "cube")]
 pub use burn_cubecl::{cubecl, tensor::CubeTensor};
 #[cfg(feature = "cube")]
-pub use dense::Packed;
+pub use dense::{Packed, WeightReads};
 #[cfg(feature = "cube")]
 pub use elementary::{exp_m1, ln_1p, sigmoid, softplus};
 #[cfg(feature = "cube")]

@@ -2,9 +2,9 @@
 
 use gpu_tensors::cubecl;
 use gpu_tensors::{
-    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, Packed, PointMatrix, Rates, buffer,
-    column_sums, exp_m1, fresh, from_slice, has_native_sum, layer_gradients, ln_1p, padded, read,
-    running_sums, sigmoid, softplus, units_for, zeros,
+    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, Packed, PointMatrix, Rates, WeightReads,
+    buffer, column_sums, exp_m1, fresh, from_slice, has_native_sum, layer_gradients, ln_1p, padded,
+    read, running_sums, sigmoid, softplus, units_for, zeros,
 };
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
@@ -133,12 +133,15 @@ fn a_layer_of_any_size_is_its_matrix_product() {
     let Some(like) = on_gpu(&[0.0], [1, 1]) else {
         return;
     };
-    for (n, inputs, outputs) in [(1, 3, 1), (65, 35, 64), (300, 64, 13), (9, 7, 60)] {
+    let sizes = [(1, 3, 1), (65, 35, 64), (1500, 64, 13), (9, 7, 60)];
+    let both = [WeightReads::Cached, WeightReads::Shared];
+    for ((n, inputs, outputs), reads) in sizes.iter().flat_map(|s| both.map(|r| (*s, r))) {
         let weights = Random(5).list(outputs * inputs);
         let bias = Random(6).list(outputs);
         let (x, numbers) = random_points(&like, inputs + 1, n, 7);
         let weight = from_slice(&like, &weights, [outputs, inputs]);
-        let layer = Packed::forward(&weight, &from_slice(&like, &bias, [outputs]));
+        let bias_there = from_slice(&like, &bias, [outputs]);
+        let layer = Packed::forward(&weight, &bias_there).reading(reads);
         let mut expected = vec![0.0; outputs * n];
         let mut back = vec![0.0; inputs * n];
         for o in 0..outputs {
@@ -188,8 +191,20 @@ fn a_layer_of_any_size_is_its_matrix_product() {
         for (value, gate) in back.iter_mut().zip(&gates) {
             *value *= f64::from(u8::from(*gate > 0.0));
         }
-        let gated = Packed::backward(&weight).gated(&d, &gate);
+        let gated = Packed::backward(&weight).reading(reads).gated(&d, &gate);
         assert_close("gated", &without_padding(&gated, n), &back, 1e-5);
+    }
+}
+
+#[test]
+fn a_device_is_asked_once_where_weights_are_read_faster() {
+    let Some(like) = on_gpu(&[0.0], [1, 1]) else {
+        return;
+    };
+    let first = WeightReads::faster(&like);
+    println!("weights are read faster: {first:?}");
+    for _ in 0..100 {
+        assert_eq!(WeightReads::faster(&like), first);
     }
 }
 

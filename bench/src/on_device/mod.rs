@@ -4,27 +4,24 @@
 //! empty again. Costs are those of [`fields`](crate::fields), but that a device adds to a table's gradient
 //! where it lies: such lines are read and written in its memory.
 
+mod cases;
+
 use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use burn::tensor::{Device, Tensor, TensorData};
-use gpu_tensors::{Rates, finish};
-use hashgrid::{GridConfig, GridLayout, LazyAdam, SparseGrad, TableReads};
-use neus_render::composite::{self, CompositeConfig, Packing};
-use neus_render::march::{DeviceGrids, MarchConfig, march_on_device, rays_on};
-use neus_render::occupancy::{DeviceBits, OccupancyGrid};
-use neus_render::rays::Ray;
-use scene_decomp::Surface;
-use scene_decomp::colour_field::{ColourFieldInputs, colour_field};
+use burn::tensor::{Device, Tensor};
+use gpu_tensors::{Rates, WeightReads, finish};
+use hashgrid::{GridConfig, GridLayout, LazyAdam, TableReads};
 use serde::Serialize;
 use sos_train::device::ChosenDevice;
 
 use crate::equal::{self, Sizes};
-use crate::fields::{Cost, OpSizes, VALUE, ray_points, surface_config};
+use crate::fields::{Cost, OpSizes, VALUE};
 use crate::predict::OPTIMISER_VALUES;
 use crate::steps::{self, StepFigures};
+use cases::{Case, Layer, Marching, Rays};
 
 /// Calls between two looks at the clock, and such measurements, of which the fastest counts.
 const CALLS: u32 = 4;
@@ -225,6 +222,15 @@ impl Bench<'_> {
             || rays.pixels(),
             || tracked_rays.pixels(),
         )?);
+        for (name, reads) in [
+            ("layer, weights cached", WeightReads::Cached),
+            ("layer, weights shared", WeightReads::Shared),
+        ] {
+            if let Some(layer) = Layer::new(points, reads, self.device) {
+                let seconds = self.time(|| layer.apply())?;
+                ops.push(self.figures((name, Layer::COST), points, seconds));
+            }
+        }
         let marching = Marching::new(sizes, self.device);
         let seconds = self.time(|| marching.march())?;
         ops.push(self.figures(("marching", Marching::COST), points, seconds));
@@ -246,171 +252,6 @@ impl Bench<'_> {
         };
         ops.push(self.figures(("table optimiser", update), points, seconds));
         Ok(ops)
-    }
-}
-
-/// FoCoR at the paper's sizes, and points to ask it about.
-struct Case {
-    surface: Surface,
-    layout: Arc<GridLayout>,
-    gradient: SparseGrad,
-    points: Tensor<2>,
-    directions: Tensor<2>,
-}
-
-impl Case {
-    fn new(count: usize, layout: &Arc<GridLayout>, device: &Device) -> Self {
-        let mut surface = Surface::new(&surface_config(), 1, device);
-        surface.grid.table = surface.grid.table.set_require_grad(false);
-        let (points, directions) = ray_points(count);
-        let rows =
-            |values: Vec<f32>| Tensor::from_data(TensorData::new(values, [count, 3]), device);
-        Self {
-            gradient: SparseGrad::new(layout),
-            layout: layout.clone(),
-            points: rows(points),
-            directions: rows(directions),
-            surface,
-        }
-    }
-
-    fn geometry(&self) -> Tensor<2> {
-        let levels = self.layout.levels.len();
-        let config = self
-            .surface
-            .sdf_config(&self.layout, levels, Some(self.gradient.clone()));
-        self.surface.geometry(self.points.clone(), config)
-    }
-
-    fn colour(&self, geometry: Tensor<2>) -> Tensor<2> {
-        let [n, _] = geometry.dims();
-        let inputs = ColourFieldInputs {
-            extra: Tensor::zeros([n, 0], &geometry.device()),
-            geometry,
-            points: self.points.clone(),
-            directions: self.directions.clone(),
-        };
-        colour_field(inputs, self.surface.colour_weights())
-    }
-}
-
-/// Samples of both fields on rays, for compositing.
-struct Rays {
-    object: Tensor<2>,
-    background: Tensor<2>,
-    sharpness: Tensor<1>,
-    packing: Arc<Packing>,
-}
-
-impl Rays {
-    fn new(sizes: Sizes, device: &Device) -> Self {
-        let n = sizes.rays * sizes.samples;
-        let rows = |columns: usize| {
-            let values = (0..n * columns).map(|i| (i % 7) as f32 * 0.1 - 0.2);
-            let values: Vec<f32> = values.collect();
-            Tensor::from_data(TensorData::new(values, [n, columns]), device)
-        };
-        let ends = (0..=sizes.rays).map(|ray| (ray * sizes.samples) as u32);
-        let all: Vec<u32> = (0..n as u32).collect();
-        let step = 2.0 / sizes.samples as f32;
-        let t = (0..n).map(|i| (i % sizes.samples) as f32 * step).collect();
-        Self {
-            object: rows(composite::object_column::COUNT),
-            background: rows(composite::background_column::COUNT),
-            sharpness: Tensor::from_floats([20.0, 20.0], device),
-            packing: Arc::new(Packing::new(
-                ends.collect(),
-                t,
-                vec![step; n],
-                all.clone(),
-                all,
-            )),
-        }
-    }
-
-    /// With gradients of all samples' rows.
-    fn learnt(self) -> Self {
-        Self {
-            object: self.object.require_grad(),
-            background: self.background.require_grad(),
-            ..self
-        }
-    }
-
-    /// Of a sample of both fields, whose rows pass through memory so often.
-    fn cost(passes: f64) -> Cost {
-        let columns = composite::object_column::COUNT + composite::background_column::COUNT;
-        Cost {
-            flops: 0.0,
-            bytes: passes * VALUE * columns as f64,
-            scattered: 0.0,
-            added: 0.0,
-        }
-    }
-
-    fn pixels(&self) -> Tensor<2> {
-        composite::composite(
-            self.object.clone(),
-            self.background.clone(),
-            self.sharpness.clone(),
-            self.packing.clone(),
-            CompositeConfig::default(),
-        )
-    }
-}
-
-/// Rays through a grid in which everything is occupied, for marching.
-struct Marching {
-    rays: Tensor<2>,
-    bits: DeviceBits,
-    config: MarchConfig,
-    capacity: usize,
-}
-
-impl Marching {
-    /// Of an interval: midpoint, length and flags are written. The grid's bits are in the cache.
-    const COST: Cost = Cost {
-        flops: 0.0,
-        bytes: 3.0 * VALUE,
-        scattered: 0.0,
-        added: 0.0,
-    };
-
-    /// Rays side by side, with as many steps across the box as there are samples.
-    fn new(sizes: Sizes, device: &Device) -> Self {
-        let rays: Vec<Ray> = (0..sizes.rays)
-            .map(|i| {
-                let x = 1.8 * (i as f32 + 0.5) / sizes.rays as f32 - 0.9;
-                Ray {
-                    origin: glam::Vec3::new(x, -x, -3.0),
-                    direction: glam::Vec3::Z,
-                }
-            })
-            .collect();
-        let mut grid = OccupancyGrid::new(128, 1.0);
-        grid.set_all(1.0);
-        Self {
-            rays: rays_on(device, &rays),
-            bits: DeviceBits::upload(&grid, device),
-            config: MarchConfig {
-                step_object: 2.0 / sizes.samples as f32,
-                ..MarchConfig::default()
-            },
-            capacity: sizes.rays * sizes.samples,
-        }
-    }
-
-    fn march(&self) {
-        let grids = DeviceGrids {
-            object: Some(&self.bits),
-            background: None,
-        };
-        drop(march_on_device(
-            self.rays.clone(),
-            grids,
-            &self.config,
-            self.capacity,
-        ));
     }
 }
 

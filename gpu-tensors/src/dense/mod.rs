@@ -1,18 +1,19 @@
 //! A layer of a network at many points.
 //!
 //! One thread takes eight outputs at eight points: 16 numbers read for 64 multiplications, where a thread
-//! that takes one point reads two for each. Nothing is shared between threads; what neighbours read
-//! twice is in the cache.
+//! that takes one point reads two for each. Threads of a workgroup take the same outputs, and so the same
+//! weights: where those are read is what [`WeightReads`] says.
 
-// What the macros generate has no documentation of its own.
-#![allow(missing_docs)]
+mod kernels;
+mod weight_reads;
 
-use burn_cubecl::cubecl;
+use burn_cubecl::cubecl::client::Client;
 use burn_cubecl::tensor::CubeTensor;
-use cubecl::prelude::*;
 
-use crate::points::{BLOCK, LANES, PointMatrix, QUADS, Quad, padded};
-use crate::tensor::{buffer, fresh, units_for};
+use crate::points::{BLOCK, LANES, PointMatrix, padded};
+use crate::tensor::{UNITS, buffer, fresh, units_for};
+use kernels::{Activation, dense_kernel, pack_kernel, staged_kernel};
+pub use weight_reads::WeightReads;
 
 /// A layer's weights as the kernel reads them: a row of all outputs for each input, padded to whole
 /// blocks.
@@ -21,6 +22,7 @@ pub struct Packed {
     data: CubeTensor,
     inputs: usize,
     outputs: usize,
+    reads: Option<WeightReads>,
 }
 
 impl Packed {
@@ -59,7 +61,15 @@ impl Packed {
             data,
             inputs,
             outputs,
+            reads: None,
         }
+    }
+
+    /// The same, reading its weights there instead of where [`WeightReads::faster`] says.
+    #[must_use]
+    pub fn reading(mut self, reads: WeightReads) -> Self {
+        self.reads = Some(reads);
+        self
     }
 
     /// The layer without an activation.
@@ -141,10 +151,22 @@ impl Packed {
             return;
         }
         let client = &y.data.client;
-        let (count, dim) = units_for(client, blocks * rows);
-        // SAFETY: threads beyond the blocks return at once; matrices are padded to whole blocks.
+        let reads = self.reads.unwrap_or_else(|| WeightReads::faster(&y.data));
+        let shared = reads == WeightReads::Shared && self.fits_a_workgroup(client);
+        let units = if shared {
+            blocks.next_multiple_of(UNITS as usize) * rows
+        } else {
+            blocks * rows
+        };
+        let (count, dim) = units_for(client, units);
+        let launch = if shared {
+            staged_kernel::launch_unchecked
+        } else {
+            dense_kernel::launch_unchecked
+        };
+        // SAFETY: threads beyond the blocks write nothing; matrices are padded to whole blocks.
         unsafe {
-            dense_kernel::launch_unchecked(
+            launch(
                 client,
                 count,
                 dim,
@@ -161,6 +183,12 @@ impl Packed {
             );
         }
     }
+
+    /// Whether a block of outputs' weights are no more than what threads of a workgroup may share.
+    fn fits_a_workgroup(&self, client: &Client) -> bool {
+        let bytes = self.inputs * BLOCK * size_of::<f32>();
+        bytes <= client.properties().hardware.max_shared_memory_size
+    }
 }
 
 /// How much of a layer is wanted.
@@ -170,116 +198,4 @@ struct Used {
     inputs: usize,
     /// Leading outputs.
     outputs: usize,
-}
-
-/// What follows a layer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum Activation {
-    /// Nothing.
-    Linear,
-    /// Negative values to zero; a row of ones, the next layer's bias' input, below the outputs.
-    ReluAndOne,
-    /// Values to zero where another matrix is not positive.
-    Gated,
-}
-
-/// One thread per entry.
-#[cube(launch_unchecked)]
-fn pack_kernel(
-    weight: &[f32],
-    bias: &[f32],
-    packed: &mut [f32],
-    #[comptime] inputs: usize,
-    #[comptime] outputs: usize,
-    #[comptime] biased: bool,
-) {
-    let width = comptime!(padded(outputs));
-    let (i, o) = (ABSOLUTE_POS / width, ABSOLUTE_POS % width);
-    if i < inputs {
-        let mut value = 0.0f32;
-        if o < outputs {
-            if comptime!(biased) {
-                if i < comptime!(inputs - 1) {
-                    value = weight[o * comptime!(inputs - 1) + i];
-                } else {
-                    value = bias[o];
-                }
-            } else {
-                value = weight[i * outputs + o];
-            }
-        }
-        packed[ABSOLUTE_POS] = value;
-    }
-}
-
-/// One thread for each block of outputs and each block of points.
-#[cube(launch_unchecked)]
-fn dense_kernel(
-    weights: &[Quad],
-    x: &[Quad],
-    gate: &[Quad],
-    y: &mut [Quad],
-    blocks: u32,
-    used: u32,
-    x_stride: u32,
-    #[comptime] inputs: usize,
-    #[comptime] outputs: usize,
-    #[comptime] activation: Activation,
-) {
-    let blocks = blocks as usize;
-    let width = comptime!(padded(outputs) / LANES);
-    let (point, output) = (ABSOLUTE_POS % blocks * QUADS, ABSOLUTE_POS / blocks * QUADS);
-    if output < width {
-        let mut sum = Array::<Quad>::new(comptime!(BLOCK * QUADS));
-        #[unroll]
-        for i in 0..comptime!(BLOCK * QUADS) {
-            sum[i] = Quad::new(0.0f32);
-        }
-        let used = used as usize;
-        for i in 0..used + 1 {
-            let row = select(i == used, comptime!(inputs - 1), i);
-            let x_at = row * x_stride as usize + point;
-            let w_at = row * width + output;
-            #[unroll]
-            for q in 0..QUADS {
-                let w = weights[w_at + q];
-                #[unroll]
-                for p in 0..QUADS {
-                    let v = x[x_at + p];
-                    #[unroll]
-                    for lane in 0..LANES {
-                        let at = comptime!((q * LANES + lane) * QUADS + p);
-                        sum[at] += Quad::new(w.extract(lane)) * v;
-                    }
-                }
-            }
-        }
-        let y_stride = blocks * QUADS;
-        let first = output * LANES * y_stride + point;
-        #[unroll]
-        for row in 0..BLOCK {
-            #[unroll]
-            for p in 0..QUADS {
-                let at = first + row * y_stride + p;
-                let mut value = sum[comptime!(row * QUADS + p)];
-                let zero = Quad::new(0.0f32);
-                if comptime!(activation == Activation::ReluAndOne) {
-                    value = max(value, zero);
-                }
-                if comptime!(activation == Activation::Gated) {
-                    value = select_many(gate[at].greater_than(&zero), value, zero);
-                }
-                y[at] = value;
-            }
-        }
-        if comptime!(activation == Activation::ReluAndOne) {
-            // In the thread of the last block, which has padding there itself.
-            if output + QUADS == width {
-                #[unroll]
-                for p in 0..QUADS {
-                    y[outputs * y_stride + point + p] = Quad::new(1.0f32);
-                }
-            }
-        }
-    }
 }
