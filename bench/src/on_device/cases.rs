@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use burn::backend::DispatchTensorKind;
 use burn::tensor::{Device, Tensor, TensorData};
-use gpu_tensors::{CubeTensor, Packed, PointMatrix, WeightReads, from_slice};
+use gpu_tensors::{Packed, PointMatrix, WeightReads, from_slice, padded};
 use hashgrid::{GridLayout, SparseGrad};
 use neus_render::composite::{self, CompositeConfig, Packing};
 use neus_render::march::{DeviceGrids, MarchConfig, march_on_device, rays_on};
@@ -205,17 +205,17 @@ impl Layer {
             return None;
         };
         let like = like.float();
-        let small = |count: usize| (0..count).map(|i| (i % 11) as f32 * 0.01 - 0.05);
-        let values = |count: usize| -> Vec<f32> { small(count).collect() };
+        let value = |i: usize| (i % 11) as f32 * 0.01 - 0.05;
+        let values = |count: usize| -> Vec<f32> { (0..count).map(value).collect() };
         let width = Self::WIDTH;
-        let weight: CubeTensor = from_slice(&like, &values(width * width), [width, width]);
+        let weight = from_slice(&like, &values(width * width), [width, width]);
         let bias = from_slice(&like, &values(width), [width]);
-        let mut x = PointMatrix::zeros(&like, width + 1, gpu_tensors::padded(points));
-        let [rows, across] = [x.data.meta.shape()[0], x.points];
-        x.data = from_slice(&like, &values(rows * across), [rows, across]);
+        let (rows, points) = (width + 1, padded(points));
+        let shape = [padded(rows), points];
+        let data = from_slice(&like, &values(shape[0] * points), shape);
         Some(Self {
             layer: Packed::forward(&weight, &bias).reading(reads),
-            x,
+            x: PointMatrix { data, rows, points },
         })
     }
 

@@ -53,8 +53,7 @@ impl WeightReads {
     }
 }
 
-/// What a layer takes on an otherwise idle device; without end where the device fails, which whoever asks it for results is
-/// told.
+/// The seconds of a layer. Infinite where the device fails: whoever reads its results is told why.
 fn seconds(like: &CubeTensor, reads: WeightReads) -> f64 {
     let weight = zeros(like, [WIDTH, WIDTH]);
     let layer = Packed::forward(&weight, &zeros(like, [WIDTH])).reading(reads);
