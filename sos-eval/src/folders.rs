@@ -1,6 +1,7 @@
 //! Folders of alpha mattes against a folder of true ones.
 
 use crate::EvalError;
+use crate::holes::fill_holes;
 use crate::matching::{Pictures, list_pictures, match_views};
 use crate::picture::{Plane, Sized2d, read_alpha};
 use crate::report::{AlphaScore, Report, ViewScore, score_alpha};
@@ -18,6 +19,25 @@ pub fn compare_folders(
     gt_dir: &Path,
     start_dir: Option<&Path>,
 ) -> Result<Report, EvalError> {
+    compare(pred_dir, gt_dir, start_dir, read_alpha)
+}
+
+/// The same by silhouettes: holes of all mattes, true ones too, are filled first ([`fill_holes`]).
+pub fn compare_silhouettes(
+    pred_dir: &Path,
+    gt_dir: &Path,
+    start_dir: Option<&Path>,
+) -> Result<Report, EvalError> {
+    let read = |path: &Path| read_alpha(path).map(|matte| fill_holes(&matte));
+    compare(pred_dir, gt_dir, start_dir, read)
+}
+
+fn compare(
+    pred_dir: &Path,
+    gt_dir: &Path,
+    start_dir: Option<&Path>,
+    read: impl Fn(&Path) -> Result<Plane, EvalError> + Sync,
+) -> Result<Report, EvalError> {
     let truth = list_pictures(gt_dir)?;
     let pred = match_views(gt_dir, &truth, pred_dir)?;
     let start = start_dir
@@ -26,11 +46,11 @@ pub fn compare_folders(
     let scores = truth
         .par_iter()
         .map(|(name, path)| {
-            let alpha = read_alpha(path)?;
-            let view = score_file(pred.get(name), path, &alpha)?;
+            let alpha = read(path)?;
+            let view = score_file(pred.get(name), path, &alpha, &read)?;
             let start = start
                 .as_ref()
-                .map(|start| score_file(start.get(name), path, &alpha))
+                .map(|start| score_file(start.get(name), path, &alpha, &read))
                 .transpose()?;
             Ok((
                 ViewScore {
@@ -64,11 +84,12 @@ fn score_file(
     pred: Option<&PathBuf>,
     truth_path: &Path,
     truth: &Plane,
+    read: impl Fn(&Path) -> Result<Plane, EvalError>,
 ) -> Result<AlphaScore, EvalError> {
     let Some(path) = pred else {
         return Ok(score_alpha(&Plane::empty(truth.width, truth.height), truth));
     };
-    let pred = read_alpha(path)?;
+    let pred = read(path)?;
     check_size(path, &pred, truth_path, truth)?;
     Ok(score_alpha(&pred, truth))
 }

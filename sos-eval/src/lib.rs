@@ -11,8 +11,8 @@
 //! | likeness of pictures | [`psnr`], [`ssim`], inside a region [`psnr_in`], [`ssim_in`] |
 //! | surfaces | [`compare_meshes`], [`sample_surface`], [`distances`] |
 //!
-//! Above them stand whole folders: [`compare_folders`] for mattes, [`compare_plates`] for
-//! backgrounds, [`run_eval`] for all that one run wrote, [`compare_contenders`] for several results
+//! Above them stand whole folders: [`compare_folders`] for mattes ([`compare_silhouettes`] where holes
+//! are not to count), [`compare_plates`] for backgrounds, [`run_eval`] for all that one run wrote, [`compare_contenders`] for several results
 //! side by side. They return a [`Report`], which is JSON through serde and text through
 //! [`Report::table`]. [`degrade_folder`] makes masks with the faults of rough segmenters from true ones.
 //!
@@ -47,6 +47,7 @@ mod error;
 mod filter;
 mod folders;
 mod growth;
+mod holes;
 mod image_quality;
 mod iou;
 mod matching;
@@ -65,8 +66,9 @@ pub use comparison::{
 };
 pub use degrade::{Fault, degrade, degrade_folder};
 pub use error::EvalError;
-pub use folders::compare_folders;
+pub use folders::{compare_folders, compare_silhouettes};
 pub use glam;
+pub use holes::fill_holes;
 pub use image_quality::{LEAST_MSE, psnr, psnr_in, psnr_of_mse, ssim, ssim_in, ssim_map};
 pub use iou::{Overlap, iou};
 pub use matting::{

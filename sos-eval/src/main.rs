@@ -1,4 +1,4 @@
-//! `sos-eval PRED_DIR GT_DIR [--start DIR] [--json FILE]`: scores a folder of alpha mattes.
+//! `sos-eval PRED_DIR GT_DIR [--start DIR] [--filled] [--json FILE]`: scores a folder of alpha mattes.
 
 use clap::Parser;
 use std::path::PathBuf;
@@ -15,6 +15,9 @@ struct Args {
     /// Folder of masks to compare with, such as those the run started from.
     #[arg(long, value_name = "DIR")]
     start: Option<PathBuf>,
+    /// Fill holes of all mattes first, true ones too: score outer outlines alone.
+    #[arg(long)]
+    filled: bool,
     /// Also write all scores to this file as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -37,8 +40,13 @@ fn main() -> ExitCode {
 }
 
 fn run(args: &Args) -> Result<String, String> {
-    let report = sos_eval::compare_folders(&args.pred_dir, &args.gt_dir, args.start.as_deref())
-        .map_err(|e| e.to_string())?;
+    let compare = if args.filled {
+        sos_eval::compare_silhouettes
+    } else {
+        sos_eval::compare_folders
+    };
+    let report =
+        compare(&args.pred_dir, &args.gt_dir, args.start.as_deref()).map_err(|e| e.to_string())?;
     if let Some(path) = &args.json {
         let fail = |e: String| {
             format!(

@@ -31,6 +31,27 @@ fn prints_a_table_and_writes_json() {
 }
 
 #[test]
+fn holes_do_not_count_when_filled() {
+    let root = tempfile::tempdir().unwrap();
+    let [pred, truth] = ["pred", "truth"].map(|name| root.path().join(name));
+    let whole = disc(40, 20.0, 20.0, 10.0);
+    let mut ring = whole.clone();
+    for (alpha, hole) in ring.values.iter_mut().zip(disc(40, 20.0, 20.0, 4.0).values) {
+        *alpha -= hole;
+    }
+    save(&whole, &pred.join("000.png"));
+    save(&ring, &truth.join("000.png"));
+    let iou = |filled: &[&Path]| {
+        let out = sos_eval(&[&[&*pred, &*truth], filled].concat());
+        let table = String::from_utf8(out.stdout).unwrap();
+        let mean = table.lines().nth(1).unwrap().split_whitespace().nth(3);
+        mean.unwrap().parse::<f32>().unwrap()
+    };
+    assert!(iou(&[]) < 0.9);
+    assert!((iou(&[Path::new("--filled")]) - 1.0).abs() < 1e-4);
+}
+
+#[test]
 fn bad_input_exits_with_2_and_one_sentence() {
     let root = tempfile::tempdir().unwrap();
     let truth = root.path().join("truth");
