@@ -57,7 +57,7 @@ pub(crate) fn measure(sizes: Sizes, device: &str) -> Result<StepFigures> {
             mask_weight: config.loss.mask,
             far_weight: 0.0,
         };
-        let report = trainer.learn(&batch, &marched, None, schedule);
+        let report = trainer.learn(&batch, &marched, None, &[], schedule);
         anyhow::ensure!(report.is_finite(), "a loss of step {number} is no number");
         if number + 1 == WARM_UP + sizes.steps {
             // What a device has been given to do counts when it is done.

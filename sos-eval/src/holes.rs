@@ -14,7 +14,8 @@ pub fn fill_holes(matte: &Plane) -> Plane {
     let outside = |i: usize| matte.values[i] < MASK_THRESHOLD;
     let mut reached = vec![false; matte.values.len()];
     let on_edge = |i: usize| {
-        i < width || i >= width * (height - 1) || i % width == 0 || i % width == width - 1
+        let (x, y) = (i % width, i / width);
+        x == 0 || y == 0 || x + 1 == width || y + 1 == height
     };
     let mut open: Vec<usize> = (0..reached.len())
         .filter(|&i| on_edge(i) && outside(i))

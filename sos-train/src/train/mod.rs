@@ -204,16 +204,19 @@ impl Trainer {
             &batch,
             &gathered.marched,
             gathered.spread.as_ref(),
+            &gathered.outvoted,
             schedule,
         )
     }
 
-    /// The second half of a step: learns from the samples of a batch, whoever chose them.
+    /// The second half of a step: learns from the samples of a batch, whoever chose them. `spread` and
+    /// `outvoted` are as in [`step::Known`].
     pub fn learn(
         &mut self,
         batch: &RayBatch,
         marched: &MarchedBatch,
         spread: Option<&Spread>,
+        outvoted: &[f32],
         schedule: StepSchedule,
     ) -> StepReport {
         self.clock.begin();
@@ -239,6 +242,7 @@ impl Trainer {
             marched,
             Known {
                 spread,
+                outvoted,
                 mask_trust: &trust,
             },
             schedule,

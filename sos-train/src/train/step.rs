@@ -20,7 +20,7 @@ use super::semantic;
 use super::shape_losses::Shape;
 use super::visible::composite_config;
 use crate::config::{self, Blend, Fields, TrainConfig, Transparency};
-use crate::prepare::Label;
+use crate::prepare::{Label, Vote};
 
 /// What is fixed over a run.
 #[derive(Clone, Debug)]
@@ -114,8 +114,21 @@ fn list(values: Vec<f32>, device: &Device) -> Tensor<1> {
 pub struct Known<'a> {
     /// Of the samples, unless neither the distortion loss nor the price of distance is wanted.
     pub spread: Option<&'a Spread>,
+    /// The share of each ray's light that comes from what most views call background, `[rays]`; none where it is empty.
+    pub outvoted: &'a [f32],
     /// How far each ray's mask can be relied on in detail, 0 to 1, `[rays]`; none where it is empty.
     pub mask_trust: &'a [f32],
+}
+
+/// How much a pixel with this vote counts where the object is to be seen but something hides it: a floater near a camera,
+/// made up for a highlight. If most of the pixel's light is `outvoted`, what hides the object is no floater, and the mask is
+/// wrong: a table is not to be pierced for what might be below it.
+fn bare(vote: Vote, outvoted: f32) -> f32 {
+    if vote.object && vote.weight == 1.0 {
+        (1.0 - 2.0 * outvoted).max(0.0)
+    } else {
+        0.0
+    }
 }
 
 /// The loss of a batch, ready for `backward`, with its parts, which are on the device still.
@@ -246,12 +259,10 @@ pub fn loss(
         add(part, weights.mask_trusted, |losses| &mut losses.mask);
     }
     if weights.hidden > 0.0 && config.model.blend == Blend::Sample {
-        // Where the mask says that the object is to be seen, nothing hides it: floaters near a
-        // camera, made up for a highlight.
-        let visible = batch
-            .votes
-            .iter()
-            .map(|v| v.map_or(0.0, |v| f32::from(u8::from(v.object && v.weight == 1.0))));
+        let visible = batch.votes.iter().enumerate().map(|(ray, vote)| {
+            let outvoted = known.outvoted.get(ray).copied().unwrap_or(0.0);
+            vote.map_or(0.0, |vote| bare(vote, outvoted))
+        });
         let opacity = opacity.reshape([n_rays]).detach();
         let part = (opacity - matte.clone())
             .clamp_min(0.0)
@@ -373,5 +384,21 @@ fn reading(transparency: Transparency) -> Reading {
     match transparency {
         Transparency::Sdf => Reading::Distance,
         Transparency::Density => Reading::Density,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_most_views_do_not_know_may_be_made_to_show_the_object() {
+        let vote = |object, weight| Vote { object, weight };
+        assert_eq!(bare(vote(true, 1.0), 0.0), 1.0);
+        assert_eq!(bare(vote(true, 1.0), 0.25), 0.5);
+        assert_eq!(bare(vote(true, 1.0), 0.75), 0.0);
+        // On a mask's edge, and where it says background, nothing follows.
+        assert_eq!(bare(vote(true, 0.5), 0.0), 0.0);
+        assert_eq!(bare(vote(false, 1.0), 0.0), 0.0);
     }
 }

@@ -104,6 +104,7 @@ fn step(data: &Prepared, config: &TrainConfig, device: &Device) -> Vec<(&'static
         &marched,
         Known {
             spread: None,
+            outvoted: &[],
             mask_trust: &[],
         },
         schedule,
