@@ -22,14 +22,18 @@ pub fn compare_folders(
     compare(pred_dir, gt_dir, start_dir, read_alpha)
 }
 
-/// The same by silhouettes: holes of all mattes, true ones too, are filled first ([`fill_holes`]).
+/// The same by silhouettes: holes of all mattes, true ones too, are filled first ([`fill_holes`]), which the report notes.
 pub fn compare_silhouettes(
     pred_dir: &Path,
     gt_dir: &Path,
     start_dir: Option<&Path>,
 ) -> Result<Report, EvalError> {
     let read = |path: &Path| read_alpha(path).map(|matte| fill_holes(&matte));
-    compare(pred_dir, gt_dir, start_dir, read)
+    let mut report = compare(pred_dir, gt_dir, start_dir, read)?;
+    report
+        .notes
+        .push("holes of all mattes, true ones too, were filled first".to_owned());
+    Ok(report)
 }
 
 fn compare(

@@ -4,7 +4,8 @@ use crate::picture::Plane;
 use crate::report::MASK_THRESHOLD;
 
 /// The matte without holes: 1 wherever alpha is below 0.5 with no way out of the picture, from neighbour to
-/// neighbour in rows and columns, through such pixels alone.
+/// neighbour in rows and columns, through such pixels alone; and in the soft rims of such holes, that is, in the
+/// eight pixels around each of theirs.
 ///
 /// Annotations of one object differ in which of its openings they leave out. Scored like this, on both sides,
 /// they do not count, and what an outline loses to them shows as the difference.
@@ -38,16 +39,14 @@ pub fn fill_holes(matte: &Plane) -> Plane {
             }
         }
     }
-    let values = matte
-        .values
-        .iter()
-        .zip(reached)
-        .map(|(&alpha, reached)| {
-            let hole = alpha < MASK_THRESHOLD && !reached;
-            if hole { 1.0 } else { alpha }
-        })
-        .collect();
-    Plane::new(width, height, values)
+    let mut filled = matte.clone();
+    for i in (0..reached.len()).filter(|&i| outside(i) && !reached[i]) {
+        // A hole is never at the picture's edge, so all eight are there.
+        for start in [i - width, i, i + width] {
+            filled.values[start - 1..=start + 1].fill(1.0);
+        }
+    }
+    filled
 }
 
 #[cfg(test)]
@@ -64,6 +63,17 @@ mod tests {
     #[test]
     fn a_ring_becomes_a_disc() {
         assert_eq!(fill_holes(&ring(20.0, 8.0)), ring(20.0, 0.0));
+    }
+
+    #[test]
+    fn a_soft_rim_goes_with_its_hole() {
+        let disc = |radius: f32, x: usize, y: usize| {
+            let r = (x as f32 - 30.3).hypot(y as f32 - 24.4);
+            (radius + 0.5 - r).clamp(0.0, 1.0)
+        };
+        let soft = Plane::from_fn(64, 48, |x, y| disc(20.0, x, y) - disc(8.0, x, y));
+        let whole = Plane::from_fn(64, 48, |x, y| disc(20.0, x, y));
+        assert_eq!(fill_holes(&soft), whole);
     }
 
     #[test]
