@@ -88,7 +88,7 @@ impl Gather {
                     ),
                     None => "it lists no views".to_owned(),
                 },
-                "put the photos where the file says, or name their folder with --images",
+                "put the photos where the file says, or name their folder with sos import --images",
             ));
         }
         let mut all: Vec<(String, Found)> = {

@@ -90,7 +90,7 @@ fn photos(
                 counts.join(", ")
             )
         },
-        "poses belong to photos by their order, so there must be as many; restore the photos or name their folder with --images",
+        "poses belong to photos by their order, so there must be as many; restore the photos or name their folder with sos import --images",
     ))
 }
 

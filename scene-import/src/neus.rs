@@ -124,7 +124,7 @@ fn pair(
                 "it holds {count} cameras, but there are {} photos",
                 photos.len()
             ),
-            "cameras belong to photos by their order, so there must be as many; restore the photos or name their folder with --images",
+            "cameras belong to photos by their order, so there must be as many; restore the photos or name their folder with sos import --images",
         )),
     }
 }

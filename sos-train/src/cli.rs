@@ -122,3 +122,8 @@ fn complain(text: &str) {
 fn program() -> String {
     std::env::var("SOS_INVOKED_AS").unwrap_or_else(|_| "sos".to_owned())
 }
+
+/// The same for commands that a wrapper has no task of its own for: it takes them after `sos`.
+fn whole_program() -> String {
+    std::env::var("SOS_INVOKED_AS").map_or_else(|_| "sos".to_owned(), |name| name + " sos")
+}

@@ -5,7 +5,7 @@ use super::capture::source_without_poses;
 use super::import::is_ready;
 use super::input::{coarse_masks_hint, ignore_folder, mask_folder, mask_source};
 use super::train::refuse_hints;
-use super::{DoctorArgs, program};
+use super::{DoctorArgs, program, whole_program};
 use crate::config::TrainConfig;
 use crate::discover::Hint;
 use crate::doctor::{Location, estimate};
@@ -86,7 +86,7 @@ impl Patient {
                 "there are no camera poses to check yet",
                 format!(
                     "make a scene of it first: {} capture {} --out FOLDER",
-                    program(),
+                    whole_program(),
                     super::train::quoted(&args.scene)
                 ),
             )

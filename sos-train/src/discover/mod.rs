@@ -83,7 +83,7 @@ pub fn find_object(
             Ok(None) => return Ok(None),
             Ok(Some(wider)) if wider.shows_more_of(&look) => look = wider,
             Ok(Some(_)) => {
-                stays = Some("in a larger one it is not told apart".to_owned());
+                stays = Some("a larger one showed no more of it".to_owned());
                 break;
             }
             Err(error) => {
@@ -91,6 +91,11 @@ pub fn find_object(
                 break;
             }
         }
+    }
+    if stays.is_none() && look.goes_on(hint).is_some() {
+        stays = Some(format!(
+            "so it did in each of {MOST_LOOKS} ever larger ones"
+        ));
     }
     let Look {
         data,
@@ -124,7 +129,7 @@ pub fn find_object(
     )];
     if let Some(why) = stays {
         notes.push(format!(
-            "the object goes on beyond that box, and is cut off there: {why}"
+            "the object goes on beyond that box, and is cut off there: {why}; give all of it with --box"
         ));
     }
     Ok(Some(Discovery { masks, notes }))
