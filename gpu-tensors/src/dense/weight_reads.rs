@@ -1,6 +1,6 @@
 //! Where a layer's kernel reads its weights.
 
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use burn_cubecl::cubecl::future::block_on;
@@ -35,10 +35,7 @@ impl WeightReads {
     #[must_use]
     pub fn faster(like: &CubeTensor) -> Self {
         let device = format!("{:?}", like.device);
-        // A panic elsewhere leaves a list of what was measured until then.
-        let mut measured = MEASURED
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut measured = measured();
         if let Some((_, reads)) = measured.iter().find(|(name, _)| *name == device) {
             return *reads;
         }
@@ -51,6 +48,17 @@ impl WeightReads {
         measured.push((device, reads));
         reads
     }
+
+    /// How often this process has measured: once for each device that it has asked [`Self::faster`] about.
+    #[must_use]
+    pub fn measurements() -> usize {
+        measured().len()
+    }
+}
+
+/// A panic elsewhere leaves a list of what was measured until then.
+fn measured() -> MutexGuard<'static, Vec<(String, WeightReads)>> {
+    MEASURED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The seconds of a layer. Infinite where the device fails: whoever reads its results is told why.

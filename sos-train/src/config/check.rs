@@ -11,6 +11,8 @@ const FIXED_ON_RESUME: [&str; 4] = [
     "sampling.occupancy_resolution",
     "seed",
 ];
+/// One of theirs that is free: how a device keeps its copy of the tables, for as long as it reads them.
+const FREE_ON_RESUME: &str = "model.table_reads";
 
 impl TrainConfig {
     /// Checks that every value lies in the range where it means something.
@@ -191,7 +193,8 @@ impl TrainConfig {
         for ((key, wanted), (_, saved)) in entries(self)?.into_iter().zip(entries(saved)?) {
             let fixed = FIXED_ON_RESUME
                 .iter()
-                .any(|fixed| key == *fixed || (fixed.ends_with('.') && key.starts_with(fixed)));
+                .any(|fixed| key == *fixed || (fixed.ends_with('.') && key.starts_with(fixed)))
+                && key != FREE_ON_RESUME;
             if fixed && wanted != saved {
                 return Err(ConfigError::FixedOnResume {
                     key,

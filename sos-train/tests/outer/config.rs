@@ -312,6 +312,7 @@ fn what_a_checkpoint_has_built_in_cannot_change() {
         "loss.mask=0",
         "device=flex",
         "export.edge_rays=16",
+        "model.table_reads=half",
     ] {
         config.apply_override(given).unwrap();
     }

@@ -203,9 +203,12 @@ fn a_device_is_asked_once_where_weights_are_read_faster() {
     };
     let first = WeightReads::faster(&like);
     println!("weights are read faster: {first:?}");
+    let measured = WeightReads::measurements();
     for _ in 0..100 {
         assert_eq!(WeightReads::faster(&like), first);
     }
+    assert!(measured > 0);
+    assert_eq!(WeightReads::measurements(), measured);
 }
 
 #[test]
