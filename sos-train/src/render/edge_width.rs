@@ -4,6 +4,10 @@
 //! away to its nearest point, is `1 - Phi_b(d)`, and coming away again it loses nothing. Training keeps `b` low, for its steps
 //! along rays are some pixels long, and so outlines are as wide. But the opacity says how far away the surface passes,
 //! `b d = -logit`, and with that what a thinner one would have been: `sigmoid(-n b d)`, the logit times `n`.
+//!
+//! What hides the object is drawn as thin: its own edges before the object are as soft, and haze in the air, which training
+//! makes up, is not to be seen. The price is that what really is translucent counts as there or as not there: through smoked
+//! glass the object's matte is nearer to 0 or 1 than it should be.
 
 use super::rays::FrozenScene;
 use crate::config::Transparency;

@@ -49,11 +49,15 @@ pub fn render_matte(scene: &FrozenScene, data: &Prepared, index: usize) -> Vec<f
     for (&i, matte) in at.iter().zip(scene.mattes(&rays)) {
         alpha[i as usize] = matte;
     }
-    let edge = edge_pixels(&alpha, &at, width, height);
+    // Before, for what is thinner than a pixel; afterwards, for what was too soft to differ from its neighbours.
+    let mut edge = edge_pixels(&alpha, &at, width, height);
     let edge_width = EdgeWidth::new(scene, view.pixel_at_object(&data.frame) as f32);
     for &i in &at {
         alpha[i as usize] = edge_width.of(alpha[i as usize]);
     }
+    edge.extend(edge_pixels(&alpha, &at, width, height));
+    edge.sort_unstable();
+    edge.dedup();
     supersample(scene, &ray_at, &edge, width, edge_width, &mut alpha);
     if scene.config.export.follow_photos {
         follow_photo(view, &mut alpha);
