@@ -10,7 +10,6 @@ use neus_render::rays::Ray;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
-use scene_decomp::probability::ProbabilityMap;
 
 use super::batch::{BatchMarcher, FieldSamples, MarchedBatch, Partition};
 use super::distortion::{self, Spread};
@@ -45,8 +44,8 @@ pub(super) struct Gathered {
     pub(super) spread: Option<Spread>,
     /// The visible object's share of each pixel, `[rays]`.
     pub(super) mattes: Vec<f32>,
-    /// The share of each pixel that most views call background where it comes from, `[rays]`.
-    pub(super) outvoted: Vec<f32>,
+    /// The share of each pixel that BaCo sends from inside the box, `[rays]`.
+    pub(super) box_background: Vec<f32>,
     pub(super) votes: Vec<SurfaceVote>,
 }
 
@@ -112,12 +111,13 @@ fn gather_chunk(
     for (ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
         mattes[*ray as usize] += seen.weight;
     }
-    let outvoted = outvoted(
-        rays.len(),
-        &marched.background,
-        &look.visibility.background,
-        rules.partition.map,
-    );
+    let box_background = match config.model.alpha {
+        AlphaSource::Opacity | AlphaSource::Head => {
+            box_background(rays.len(), &marched.background, &look.visibility.background)
+        }
+        // The look takes FoCoR for transparent then, so that everything would be background.
+        AlphaSource::Both => vec![0.0; rays.len()],
+    };
     let votes = votes(batch, first, &marched, &look);
     let mut marched = marched.keep(&object_rows, &drawn.rows);
     marched.background.stretch = drawn.stretch;
@@ -126,24 +126,17 @@ fn gather_chunk(
         marched,
         spread,
         mattes,
-        outvoted,
+        box_background,
         votes,
     }
 }
 
-/// The share of each ray's light that BaCo sends from places in the box that `map`, m^P, gives to the background.
-fn outvoted(
-    rays: usize,
-    background: &FieldSamples,
-    seen: &[Visibility],
-    map: &ProbabilityMap,
-) -> Vec<f32> {
+/// The share of each ray's light that BaCo sends from inside the box, `[rays]`.
+fn box_background(rays: usize, background: &FieldSamples, seen: &[Visibility]) -> Vec<f32> {
     let mut shares = vec![0.0f32; rays];
     let points = background.points.chunks_exact(3).map(Vec3::from_slice);
     for ((point, ray), seen) in points.zip(&background.ray).zip(seen) {
-        // Outside the box nobody votes.
-        let in_box = point.abs().max_element() < 1.0;
-        if seen.weight >= LEAST_VOTE && in_box && map.at(point) < 0.5 {
+        if point.abs().max_element() < 1.0 {
             shares[*ray as usize] += seen.weight;
         }
     }
@@ -203,7 +196,7 @@ fn join(parts: Vec<Gathered>, spread: bool) -> Gathered {
             all.append(spread);
         }
         out.mattes.extend(part.mattes);
-        out.outvoted.extend(part.outvoted);
+        out.box_background.extend(part.box_background);
         out.votes.extend(part.votes);
     }
     out.marched = MarchedBatch {
@@ -219,29 +212,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn light_from_where_most_views_say_background_is_outvoted() {
-        // m^P is 1 left of the middle, 0 right of it.
-        let n = 16;
-        let left = (0..n * n * n).map(|cell| f32::from(u8::from(cell % n < n / 2)));
-        let map = ProbabilityMap::new(n, left.collect());
-        let (object, ground, beyond) = ([-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [1.5, 0.0, 0.0]);
+    fn light_from_the_background_in_the_box_is_summed_by_ray() {
+        let (inside, beyond) = ([0.5, 0.0, -0.9], [0.5, 0.0, -1.1]);
         let mut background = FieldSamples::with_capacity(5);
         for (ray, point) in [
-            (0, ground),
-            (0, object),
-            (1, ground),
-            (1, ground),
+            (0, inside),
+            (0, inside),
+            (1, inside),
+            (1, beyond),
             (2, beyond),
         ] {
             background.points.extend(point);
             background.ray.push(ray);
         }
-        let seen = [0.75, 0.25, 0.5, 0.01, 1.0].map(|weight| Visibility {
+        let seen = [0.5, 0.25, 0.5, 0.25, 1.0].map(|weight| Visibility {
             weight,
             transmittance: 1.0,
             alone: 1.0,
         });
-        // The lightest sample does not count.
-        assert_eq!(outvoted(4, &background, &seen, &map), [0.75, 0.5, 0.0, 0.0]);
+        let shares = box_background(4, &background, &seen);
+        assert_eq!(shares, [0.75, 0.5, 0.0, 0.0]);
     }
 }

@@ -204,19 +204,19 @@ impl Trainer {
             &batch,
             &gathered.marched,
             gathered.spread.as_ref(),
-            &gathered.outvoted,
+            &gathered.box_background,
             schedule,
         )
     }
 
     /// The second half of a step: learns from the samples of a batch, whoever chose them. `spread` and
-    /// `outvoted` are as in [`step::Known`].
+    /// `box_background` are as in [`step::Known`].
     pub fn learn(
         &mut self,
         batch: &RayBatch,
         marched: &MarchedBatch,
         spread: Option<&Spread>,
-        outvoted: &[f32],
+        box_background: &[f32],
         schedule: StepSchedule,
     ) -> StepReport {
         self.clock.begin();
@@ -242,7 +242,7 @@ impl Trainer {
             marched,
             Known {
                 spread,
-                outvoted,
+                box_background,
                 mask_trust: &trust,
             },
             schedule,

@@ -114,18 +114,18 @@ fn list(values: Vec<f32>, device: &Device) -> Tensor<1> {
 pub struct Known<'a> {
     /// Of the samples, unless neither the distortion loss nor the price of distance is wanted.
     pub spread: Option<&'a Spread>,
-    /// The share of each ray's light that comes from what most views call background, `[rays]`; none where it is empty.
-    pub outvoted: &'a [f32],
+    /// The share of each ray's light that BaCo sends from inside the box, `[rays]`; none where it is empty.
+    pub box_background: &'a [f32],
     /// How far each ray's mask can be relied on in detail, 0 to 1, `[rays]`; none where it is empty.
     pub mask_trust: &'a [f32],
 }
 
-/// How much a pixel with this vote counts where the object is to be seen but something hides it: a floater near a camera,
-/// made up for a highlight. If most of the pixel's light is `outvoted`, what hides the object is no floater, and the mask is
-/// wrong: a table is not to be pierced for what might be below it.
-fn bare(vote: Vote, outvoted: f32) -> f32 {
+/// How much a pixel with this vote counts where the object is to be seen but something hides it. Floaters, made up for
+/// highlights, stand just before cameras; what BaCo keeps inside the box is what m^P gives to it, by the votes of all views. If
+/// most of a pixel's light comes from there, its mask is wrong: a table is not to be pierced for what might be below it.
+fn bare(vote: Vote, box_background: f32) -> f32 {
     if vote.object && vote.weight == 1.0 {
-        (1.0 - 2.0 * outvoted).max(0.0)
+        (1.0 - 2.0 * box_background).max(0.0)
     } else {
         0.0
     }
@@ -134,6 +134,9 @@ fn bare(vote: Vote, outvoted: f32) -> f32 {
 /// The loss of a batch, ready for `backward`, with its parts, which are on the device still.
 ///
 /// Returns `None` when no ray has a sample.
+///
+/// # Panics
+/// When `known.box_background` has another length than the batch.
 #[must_use]
 pub fn loss(
     context: &StepContext,
@@ -153,6 +156,7 @@ pub fn loss(
     let object = object_rows(context, scene, &marched.object, schedule);
     let (background, geometry) = background_rows(context, scene, &marched.background, schedule);
     let n_rays = batch.rays.len();
+    assert!(known.box_background.is_empty() || known.box_background.len() == n_rays);
     let mut packing = marched.packing.clone();
     if let Some(spread) = known.spread {
         packing = packing.with_marks(spread.marks());
@@ -260,8 +264,8 @@ pub fn loss(
     }
     if weights.hidden > 0.0 && config.model.blend == Blend::Sample {
         let visible = batch.votes.iter().enumerate().map(|(ray, vote)| {
-            let outvoted = known.outvoted.get(ray).copied().unwrap_or(0.0);
-            vote.map_or(0.0, |vote| bare(vote, outvoted))
+            let background = known.box_background.get(ray).copied().unwrap_or(0.0);
+            vote.map_or(0.0, |vote| bare(vote, background))
         });
         let opacity = opacity.reshape([n_rays]).detach();
         let part = (opacity - matte.clone())
@@ -392,7 +396,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_most_views_do_not_know_may_be_made_to_show_the_object() {
+    fn a_pixel_of_background_in_the_box_need_not_show_the_object() {
         let vote = |object, weight| Vote { object, weight };
         assert_eq!(bare(vote(true, 1.0), 0.0), 1.0);
         assert_eq!(bare(vote(true, 1.0), 0.25), 0.5);

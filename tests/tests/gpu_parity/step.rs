@@ -104,7 +104,7 @@ fn step(data: &Prepared, config: &TrainConfig, device: &Device) -> Vec<(&'static
         &marched,
         Known {
             spread: None,
-            outvoted: &[],
+            box_background: &[],
             mask_trust: &[],
         },
         schedule,
