@@ -72,13 +72,7 @@ fn copy_cutout(run: &Run, posed: Posed<'_>, draft: &Draft) -> Result<(), ExportE
     let reader = ImageReader::open(&from)
         .and_then(ImageReader::with_guessed_format)
         .map_err(|e| ExportError::io("read", &from, e))?;
-    let damaged = |what: String| {
-        ExportError::bad(
-            &from,
-            what,
-            "make the run's results again with sos train --resume",
-        )
-    };
+    let damaged = |what: String| run.damaged(&from, what);
     let decoder = reader
         .into_decoder()
         .map_err(|e| damaged(format!("the picture cannot be read ({e})")))?;

@@ -138,13 +138,7 @@ fn direction(pixel: &[u8; 3]) -> [f32; 3] {
 fn read_depth(run: &Run, key: &str, size: (u32, u32)) -> Result<Vec<f32>, ExportError> {
     let path = run.picture_path("depth", key, "exr");
     let bytes = std::fs::read(&path).map_err(|e| ExportError::io("read", &path, e))?;
-    let unreadable = |what: String| {
-        ExportError::bad(
-            &path,
-            what,
-            "make the run's results again with sos train --resume",
-        )
-    };
+    let unreadable = |what: String| run.damaged(&path, what);
     let image = read()
         .no_deep_data()
         .largest_resolution_level()

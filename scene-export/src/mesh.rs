@@ -1,6 +1,7 @@
 //! The run's mesh in memory: read from `mesh.ply`, completed and checked.
 
 use crate::error::ExportError;
+use crate::run::resumed;
 use glam::{DVec3, Vec3};
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
@@ -35,11 +36,13 @@ impl Mesh {
             return Err(ExportError::bad(
                 &path,
                 "the run has no mesh, which it writes at its end where it found a surface",
-                "let it come to its end: sos train --resume --out RUN",
+                format!("let it come to its end: {}", resumed(root)),
             ));
         }
-        let remedy = "make the run's results again with sos train --resume";
-        let mesh = read(&path).map_err(|what| ExportError::bad(&path, what, remedy))?;
+        let mesh = read(&path).map_err(|what| {
+            let remedy = format!("make the run's results again: {}", resumed(root));
+            ExportError::bad(&path, what, remedy)
+        })?;
         if mesh.triangles.is_empty() {
             return Err(ExportError::bad(
                 &path,

@@ -54,7 +54,7 @@ impl Run {
             return Err(ExportError::bad(
                 &alpha,
                 "there are no mattes in it yet",
-                "let the run come to its end: sos train --resume --out RUN",
+                format!("let the run come to its end: {}", resumed(root)),
             ));
         }
         Ok(Self {
@@ -69,7 +69,9 @@ impl Run {
     }
 
     pub(crate) fn matte(&self, key: &str) -> Result<Matte, ExportError> {
-        let grey = open_picture(&self.picture_path("alpha", key, "png"))?.into_luma16();
+        let grey = self
+            .open_picture(&self.picture_path("alpha", key, "png"))?
+            .into_luma16();
         Ok(Matte {
             width: grey.width(),
             height: grey.height(),
@@ -109,7 +111,7 @@ impl Run {
         size: (u32, u32),
     ) -> Result<Vec<[u8; 3]>, ExportError> {
         let path = self.picture_path(folder, key, "png");
-        let picture = open_picture(&path)?;
+        let picture = self.open_picture(&path)?;
         self.check_size(&path, (picture.width(), picture.height()), size)?;
         Ok(match picture {
             DynamicImage::ImageRgba8(rgba) => rgba.pixels().map(|p| [p[0], p[1], p[2]]).collect(),
@@ -133,8 +135,27 @@ impl Run {
                 "it is {}x{} but the matte is {}x{}",
                 found.0, found.1, wanted.0, wanted.1
             ),
-            "the files are of different runs; make the run again with sos train --force",
+            format!(
+                "the files are of different runs; make the run again: {}",
+                repeated(&self.root)
+            ),
         ))
+    }
+
+    /// A picture that the run wrote.
+    fn open_picture(&self, path: &Path) -> Result<DynamicImage, ExportError> {
+        let reader = ImageReader::open(path)
+            .and_then(ImageReader::with_guessed_format)
+            .map_err(|e| ExportError::io("read", path, e))?;
+        reader
+            .decode()
+            .map_err(|e| self.damaged(path, format!("the picture cannot be read ({e})")))
+    }
+
+    /// A file of the run that cannot be used.
+    pub(crate) fn damaged(&self, path: &Path, what: impl Into<String>) -> ExportError {
+        let remedy = format!("make the run's results again: {}", resumed(&self.root));
+        ExportError::bad(path, what, remedy)
     }
 
     /// The COLMAP scene that the run was made from: where it is stated to be, else in the run's own
@@ -226,18 +247,30 @@ pub(crate) fn key_of(photo: &str) -> String {
     parts.join("/")
 }
 
-/// A picture that the run wrote.
-fn open_picture(path: &Path) -> Result<DynamicImage, ExportError> {
-    let reader = ImageReader::open(path)
-        .and_then(ImageReader::with_guessed_format)
-        .map_err(|e| ExportError::io("read", path, e))?;
-    reader.decode().map_err(|e| {
-        ExportError::bad(
-            path,
-            format!("the picture cannot be read ({e})"),
-            "make the run's results again with sos train --resume",
-        )
-    })
+/// The command that goes on with a run, and makes its results again where it is at its end. Without
+/// the folder it would go on with another run.
+pub(crate) fn resumed(root: &Path) -> String {
+    format!("sos train --resume --out {}", quoted(root))
+}
+
+/// The command that makes a run again from its start. Without its configuration it would train on
+/// another scene.
+fn repeated(root: &Path) -> String {
+    let config = quoted(&root.join("config.toml"));
+    format!("sos train --config {config} --out {} --force", quoted(root))
+}
+
+/// A path that can be pasted into a shell.
+fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    if text
+        .chars()
+        .all(|c| c.is_alphanumeric() || "/\\._-:~+,@".contains(c))
+    {
+        text
+    } else {
+        format!("'{}'", text.replace('\'', "'\\''"))
+    }
 }
 
 /// The PNG files below a folder.
@@ -277,5 +310,17 @@ mod tests {
         ] {
             assert_eq!(key_of(photo), key);
         }
+    }
+
+    #[test]
+    fn commands_name_the_run_and_can_be_pasted() {
+        assert_eq!(
+            resumed(Path::new("runs/cat")),
+            "sos train --resume --out runs/cat"
+        );
+        assert_eq!(
+            repeated(Path::new("my runs/cat")),
+            "sos train --config 'my runs/cat/config.toml' --out 'my runs/cat' --force"
+        );
     }
 }

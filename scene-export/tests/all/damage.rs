@@ -14,6 +14,11 @@ fn complaint(rig: &Rig, product: Product) -> String {
     text
 }
 
+/// The remedy for results that are damaged or not there, as the test's paths are written.
+fn resumed(rig: &Rig) -> String {
+    format!("sos train --resume --out {}", rig.run().display())
+}
+
 #[test]
 fn folders_without_a_finished_run_are_refused() {
     let rig = Rig::new();
@@ -27,7 +32,7 @@ fn folders_without_a_finished_run_are_refused() {
     fs::remove_dir_all(rig.run().join("alpha")).unwrap();
     let text = complaint(&rig, product);
     assert!(
-        text.contains("no mattes") && text.contains("--resume"),
+        text.contains("no mattes") && text.contains(&resumed(&rig)),
         "{text}"
     );
 }
@@ -47,7 +52,10 @@ fn damaged_pictures_are_named() {
         let rig = Rig::new();
         fs::write(rig.run().join(file), bytes).unwrap();
         let text = complaint(&rig, exr);
-        assert!(text.contains(says), "{text}");
+        assert!(
+            text.contains(says) && text.contains(&resumed(&rig)),
+            "{text}"
+        );
     }
     let rig = Rig::new();
     let small = image::RgbImage::new(3, 2);
@@ -56,6 +64,10 @@ fn damaged_pictures_are_named() {
     });
     let text = complaint(&rig, exr);
     assert!(text.contains("it is 3x2 but the matte is 40x30"), "{text}");
+    assert!(
+        text.contains("--config") && text.contains("--force"),
+        "{text}"
+    );
     let text = {
         let grey = image::GrayImage::new(40, 30);
         save(&rig.run().join("foreground/000.png"), |path| {
