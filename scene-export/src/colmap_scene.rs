@@ -51,7 +51,9 @@ pub(crate) fn write(
                     model.points.len()
                 ));
             }
-            Err(_) => notes.push("that is few to start from, and the run has no mesh".to_owned()),
+            Err(error) => notes.push(format!(
+                "that is few to start from, and the mesh gives none instead ({error})"
+            )),
         }
     }
     // COLMAP numbers points from 1.

@@ -8,6 +8,9 @@ use std::thread::{JoinHandle, spawn};
 
 const REMEDY: &str = "install ffmpeg (apt install ffmpeg, brew install ffmpeg, winget install ffmpeg) \
                       and do it again";
+/// When it is there and fails: its reason, which stands before this, is in its own words.
+const FAILED: &str =
+    "that is ffmpeg's own reason; if the disk is full make room, else do without the videos";
 /// A failure's reason is cut there.
 const LONGEST_REASON: usize = 300;
 
@@ -147,10 +150,11 @@ impl Ffmpeg {
             size.1
         );
         let Some((encoder, options)) = self.encoder(codec) else {
-            return Err(self.failed(format!(
+            let what = format!(
                 "this build has no encoder for {}",
                 path.file_name().unwrap_or_default().to_string_lossy()
-            )));
+            );
+            return Err(self.failed(what, REMEDY));
         };
         let (frames, pixels, bytes) = codec.layout();
         let mut child = Command::new(&self.program)
@@ -171,7 +175,7 @@ impl Ffmpeg {
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()
-            .map_err(|e| self.failed(format!("it does not start ({e})")))?;
+            .map_err(|e| self.failed(format!("it does not start ({e})"), REMEDY))?;
         let errors = child.stderr.take();
         Ok(Video {
             ffmpeg: self.clone(),
@@ -189,11 +193,11 @@ impl Ffmpeg {
         })
     }
 
-    fn failed(&self, what: String) -> ExportError {
+    fn failed(&self, what: String, remedy: &'static str) -> ExportError {
         ExportError::Program {
             program: self.program.clone(),
             what,
-            remedy: REMEDY,
+            remedy,
         }
     }
 }
@@ -252,7 +256,7 @@ impl Video {
         let last = said.iter().flat_map(|text| text.lines()).last();
         let what = last.unwrap_or("it failed without a word");
         self.ffmpeg
-            .failed(what.chars().take(LONGEST_REASON).collect())
+            .failed(what.chars().take(LONGEST_REASON).collect(), FAILED)
     }
 }
 
@@ -293,13 +297,15 @@ mod tests {
         assert!(ffmpeg.can(Codec::Mp4Grey) && !ffmpeg.can(Codec::ProRes4444));
         let begin = |codec| ffmpeg.begin(&dir.path().join("a.mp4"), (2, 2), 12, codec);
         let error = begin(Codec::WebmAlpha).unwrap_err().to_string();
-        assert!(error.contains("no encoder for a.mp4"), "{error}");
+        assert!(error.contains("no encoder for a.mp4; install"), "{error}");
         let mut video = begin(Codec::Mp4Grey).unwrap();
         let pushed = video.push(&[0; 4]);
         let error = pushed.and_then(|()| video.finish()).unwrap_err();
+        let error = error.to_string();
         assert!(
-            error.to_string().contains("no space left; install"),
+            error.contains("no space left; that is ffmpeg's own reason"),
             "{error}"
         );
+        assert!(!error.contains("install"), "{error}");
     }
 }

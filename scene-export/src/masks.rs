@@ -99,14 +99,16 @@ pub(crate) fn write(
         }
         MaskTool::InstantNgp => {
             // The unit cube that it renders is put around the object.
-            let bounds = Mesh::of_run(&run.root).ok().map(|mesh| mesh.bounds());
-            if bounds.is_none() {
-                notes.push(
-                    "the run has no mesh: set scale and offset in transforms.json so that the \
-                     object lies in the unit cube"
-                        .to_owned(),
-                );
-            }
+            let bounds = match Mesh::of_run(&run.root) {
+                Ok(mesh) => Some(mesh.bounds()),
+                Err(error) => {
+                    notes.push(format!(
+                        "the mesh does not say where the object is ({error}), so set scale and offset in \
+                         transforms.json so that it lies in the unit cube"
+                    ));
+                    None
+                }
+            };
             transforms::write(tool, &frames(&|_| None), bounds, &scene.root, draft)?;
             photos.write(draft, "images")?;
             masks(run, posed, &IGNORE, draft, |i| {

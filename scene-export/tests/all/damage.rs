@@ -110,6 +110,14 @@ fn damaged_meshes_are_explained() {
     assert!(text.contains("the run has no mesh"), "{text}");
     let text = complaint(&rig, Product::Masks(MaskTool::Neus));
     assert!(text.contains("the run has no mesh"), "{text}");
+    // Tools that can do without a mesh are told which of the two it is.
+    let (_, written) = rig.masks(MaskTool::InstantNgp);
+    let told = |notes: &[String], says| notes.iter().any(|note| note.contains(says));
+    assert!(told(&written.notes, "the run has no mesh"));
+    let rig = Rig::new();
+    fs::write(rig.run().join("mesh.ply"), "not a mesh at all").unwrap();
+    let (_, written) = rig.masks(MaskTool::InstantNgp);
+    assert!(told(&written.notes, "mesh.ply") && !told(&written.notes, "no mesh"));
 }
 
 #[test]
