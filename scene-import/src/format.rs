@@ -192,8 +192,9 @@ pub fn detect(path: &Path, stated: Option<Format>) -> Result<Detected, ImportErr
     if !root.is_dir() {
         return Err(ImportError::bad(
             path,
-            "there is no such folder",
-            "give the folder that holds images/ and the camera poses",
+            "there is no such file or folder",
+            "give a folder of photos with camera poses, or the file with the poses; sos capture finds poses \
+             for photos without and for a video",
         ));
     }
     let mut found: Vec<(Format, PathBuf)> = Format::ALL

@@ -127,7 +127,7 @@ pub struct TrainArgs {
     /// Without masks: a box around the object in the scene's frame, X0,Y0,Z0,X1,Y1,Z1 [default: found].
     #[arg(long = "box", value_name = "BOX", allow_hyphen_values = true)]
     pub object_box: Option<WorldBox>,
-    /// Folder for the results [default: runs/NAME_OF_SCENE].
+    /// Folder for the results [default: runs/NAME_OF_SCENE; runs/demo without SCENE].
     #[arg(long, value_name = "RUN")]
     pub out: Option<PathBuf>,
     /// Settings to start from: quick, default or paper [default: default].

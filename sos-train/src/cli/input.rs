@@ -58,7 +58,15 @@ pub(super) fn mask_source(stated: Option<&Path>) -> MaskSource {
 impl Plan {
     /// Merges preset or saved configuration and command line.
     pub(super) fn new(args: &TrainArgs) -> anyhow::Result<Self> {
-        let out = run_path(args)?;
+        // What a run goes on with is in its folder; what it was once made from may be gone.
+        if let Some(scene) = args.scene.as_ref().filter(|_| !args.resume)
+            && !scene.exists()
+        {
+            return Err(no_scene(scene).into());
+        }
+        let repeated = args.config.as_deref().map(read_record).transpose()?;
+        let named = repeated.as_ref().and_then(|record| record.input.as_ref());
+        let out = run_path(args, named)?;
         let saved = if args.resume {
             let run = RunFolder::open_existing(&out)?;
             if !run.has_checkpoint() {
@@ -66,7 +74,7 @@ impl Plan {
             }
             Some(read_record(&run.config_path())?)
         } else {
-            args.config.as_deref().map(read_record).transpose()?
+            repeated
         };
         let mut config = match &saved {
             Some(record) => record.config.clone(),
@@ -186,16 +194,22 @@ pub(super) fn coarse_masks_hint(scene: &Path) -> Option<String> {
     })
 }
 
-/// Where a run goes unless stated: `runs/demo` or `runs/NAME_OF_SCENE`.
-fn run_path(args: &TrainArgs) -> anyhow::Result<PathBuf> {
+/// Where a run goes unless stated: `runs/demo` or `runs/NAME_OF_SCENE`, also of the scene that a run to be
+/// repeated had.
+fn run_path(args: &TrainArgs, repeated: Option<&InputRecord>) -> anyhow::Result<PathBuf> {
     if let Some(out) = &args.out {
         return Ok(out.clone());
     }
-    let Some(scene) = &args.scene else {
-        return Ok(Path::new("runs").join("demo"));
+    let mut full = match (&args.scene, repeated) {
+        // Resolved, so that "." and ".." have a name.
+        (Some(scene), _) => fs::canonicalize(scene).map_err(|_| no_scene(scene))?,
+        // An imported scene lies in its run's folder, under a name that all of them have.
+        (None, Some(input)) if !input.demo => {
+            let scene = input.imported_from.as_ref().unwrap_or(&input.scene);
+            scene.clone()
+        }
+        (None, _) => return Ok(Path::new("runs").join("demo")),
     };
-    // Resolved, so that "." and ".." have a name.
-    let mut full = fs::canonicalize(scene).map_err(|_| no_scene(scene))?;
     if let Some(scene_capture::Source::Video(_)) = scene_capture::detect(&full) {
         full.set_extension("");
     } else if full.is_file() {
@@ -208,8 +222,8 @@ fn run_path(args: &TrainArgs) -> anyhow::Result<PathBuf> {
 fn no_scene(scene: &Path) -> InputError {
     InputError::new(
         scene,
-        "there is no such folder",
-        "give the folder that holds images/ and the camera poses",
+        "there is no such file or folder",
+        "give a folder of photos, with camera poses or without, or a video",
     )
 }
 
@@ -324,5 +338,34 @@ mod tests {
         assert_eq!((layered.seed, layered.loss.mask), (5, 0.3));
         assert_eq!((layered.steps, layered.loss.eikonal), (10, 0.2));
         assert_eq!(layered.prepare.downscale, 2);
+    }
+
+    #[test]
+    fn a_repeated_run_is_named_after_its_scene() {
+        let input = InputRecord {
+            scene: "/runs/old/scene".into(),
+            masks: None,
+            polarity: None,
+            ignore: None,
+            out: "/runs/old".into(),
+            demo: false,
+            imported_from: Some("/photos/cat".into()),
+            click: None,
+            object_box: None,
+        };
+        let out = |input: Option<&InputRecord>| run_path(&TrainArgs::default(), input).unwrap();
+        assert_eq!(out(None), Path::new("runs/demo"));
+        assert_eq!(out(Some(&input)), Path::new("runs/cat"));
+        let ready = InputRecord {
+            scene: "/photos/dog".into(),
+            imported_from: None,
+            ..input.clone()
+        };
+        assert_eq!(out(Some(&ready)), Path::new("runs/dog"));
+        let demo = InputRecord {
+            demo: true,
+            ..input.clone()
+        };
+        assert_eq!(out(Some(&demo)), Path::new("runs/demo"));
     }
 }

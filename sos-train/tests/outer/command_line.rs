@@ -184,7 +184,17 @@ fn bad_scenes_are_one_sentence() {
     refused(
         dir.path(),
         &["train", "none"],
-        &["none", "no such folder", "images/"],
+        &["none", "no such file or folder", "video"],
+    );
+    refused(
+        dir.path(),
+        &["train", "none.mp4", "--out", "run"],
+        &["none.mp4", "no such file or folder", "video"],
+    );
+    refused(
+        dir.path(),
+        &["doctor", "none.mp4"],
+        &["none.mp4", "no such file or folder", "sos capture"],
     );
     fs::create_dir(dir.path().join("empty")).unwrap();
     refused(
