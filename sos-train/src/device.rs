@@ -34,8 +34,10 @@ pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
         "ndarray" => Ok(cpu("NdArray", Device::ndarray())),
         "wgpu" if !cfg!(feature = "wgpu") => Err(PrepareError::Device {
             name: name.to_owned(),
-            remedy: "this build is for the CPU alone; build with --features wgpu, or choose cpu"
-                .to_owned(),
+            remedy:
+                "this build is for the CPU alone; build with --features wgpu (with cargo xtask: \
+                     --device wgpu), or choose cpu"
+                    .to_owned(),
         }),
         "wgpu" => gpu(Software::Allowed).ok_or_else(|| PrepareError::Device {
             name: name.to_owned(),

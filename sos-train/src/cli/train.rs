@@ -93,6 +93,7 @@ pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
         }
     })?;
     let run = ready.run.clone();
+    let device = stated_device(&ready.config.device);
     match start(args, plan, ready, &screen) {
         Ok(TrainOutcome::Finished) => {
             finish(&run, demo, &screen)?;
@@ -112,7 +113,7 @@ pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
         Ok(TrainOutcome::Interrupted { step }) => {
             let _ = writeln!(
                 std::io::stderr(),
-                "stopped at step {step} with a checkpoint saved; go on with: {} train --resume --out {}",
+                "stopped at step {step} with a checkpoint saved; go on with: {} train --resume --out {}{device}",
                 program(),
                 quoted(run.root())
             );
@@ -126,6 +127,15 @@ pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
             }
             Err(error)
         }
+    }
+}
+
+/// What a command line says of a GPU. `config.toml` has it too, but what builds the program only sees
+/// the line.
+fn stated_device(name: &str) -> String {
+    match name {
+        "wgpu" | "cuda" => format!(" --device {name}"),
+        _ => String::new(),
     }
 }
 
