@@ -6,7 +6,7 @@ use super::import::is_ready;
 use super::input::{coarse_masks_hint, ignore_folder, mask_folder, mask_source};
 use super::train::refuse_hints;
 use super::{DoctorArgs, program, whole_program};
-use crate::config::TrainConfig;
+use crate::config::{Preset, TrainConfig};
 use crate::discover::Hint;
 use crate::doctor::{Location, estimate};
 use crate::error::{EXIT_FAILED_CHECK, EXIT_OK, InputError, sentence};
@@ -260,6 +260,9 @@ fn measure(
 fn train_command(args: &DoctorArgs) -> String {
     let mut words = format!("{} train {}", program(), super::train::quoted(&args.scene));
     let mut add = |option: &str, value: String| words.push_str(&format!(" {option} {value}"));
+    if let Some(preset) = args.preset.filter(|preset| *preset != Preset::Default) {
+        add("--preset", preset.to_string());
+    }
     if let Some(masks) = &args.masks {
         add("--masks", super::train::quoted(masks));
     }
