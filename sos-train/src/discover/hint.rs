@@ -124,7 +124,8 @@ impl Click {
         if !(0.0..f64::from(width)).contains(&self.x) || !(0.0..f64::from(height)).contains(&self.y)
         {
             return Err(PrepareError::Scene(format!(
-                "--click {}: ({}, {}) is outside the photo of {width} x {height} pixels",
+                "--click {}: ({}, {}) is outside the photo of {width} x {height} pixels; count pixels of the photo \
+                 itself, from its upper left corner",
                 self.view, self.x, self.y
             )));
         }
@@ -172,7 +173,8 @@ impl Hint {
             Self::Mask { view, mask } => {
                 let (centre, radius) = centroid(mask).ok_or_else(|| {
                     PrepareError::Scene(format!(
-                        "the mask of {} is empty, and there is no other",
+                        "the mask of {} is empty, and there is no other; mark the object in it, or add \
+                         --masks none to have the object looked for",
                         views[*view].name
                     ))
                 })?;

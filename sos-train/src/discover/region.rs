@@ -110,7 +110,10 @@ pub(super) fn at_pixel(
         .collect();
     depths.sort_by(f64::total_cmp);
     let direction = photo.lens.0.unproject(pixel).ok_or_else(|| {
-        PrepareError::Scene(format!("{}: its lens shows nothing at {pixel}", photo.name))
+        PrepareError::Scene(format!(
+            "{}: its lens shows nothing at {pixel}; show the object in a photo that has it nearer to the middle",
+            photo.name
+        ))
     })?;
     let world_from_camera = photo.camera_from_world.inverse();
     // As long as the optical axis advances by one.

@@ -20,7 +20,7 @@ pub enum PrepareError {
     #[error(transparent)]
     Colmap(#[from] io_colmap::ColmapError),
     /// A checkpoint that does not fit.
-    #[error("{}: {what}; train without --resume, or with --force to start again", path.display())]
+    #[error("{}: {what}; to start again, train with SCENE and --force instead of --resume", path.display())]
     Checkpoint {
         /// The file.
         path: PathBuf,
@@ -42,7 +42,7 @@ pub enum PrepareError {
     /// The object's box holds nothing that can be seen.
     #[error(
         "the object's box contains nothing: no ray met anything for {0} steps. The masks may show \
-         different things, or the poses may not belong to the photos"
+         different things, or the poses may not belong to the photos; sos doctor SCENE checks both"
     )]
     Empty(u32),
     /// Training that came out as not-a-number again and again.

@@ -36,8 +36,8 @@ pub fn box_from_masks(
     let outlines: Vec<Outline> = views.iter().filter_map(Outline::of).collect();
     if outlines.len() < 2 {
         return Err(PrepareError::Scene(format!(
-            "only {} of {} views have a mask with something in it; at least 2 are needed to find \
-             the object",
+            "only {} of {} views have a mask with something in it, and the object is found by 2 or \
+             more; mark it in another one, or add --masks none to have it looked for",
             outlines.len(),
             views.len()
         )));

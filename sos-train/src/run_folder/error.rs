@@ -41,7 +41,7 @@ pub enum RunError {
         path: PathBuf,
     },
     /// There is a run, but it was stopped before its first checkpoint.
-    #[error("{} has no checkpoint yet, so there is nothing to go on from; start it again with --force", path.display())]
+    #[error("{} has no checkpoint yet, so there is nothing to go on from; start it again with SCENE and --force", path.display())]
     NoCheckpoint {
         /// The run's folder.
         path: PathBuf,
