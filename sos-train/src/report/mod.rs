@@ -67,11 +67,18 @@ pub enum ReportError {
 /// [`ReportError`] if a picture cannot be read or the page cannot be written.
 pub fn write_report(run: &RunFolder, inputs: &ReportInputs) -> Result<(), ReportError> {
     let rows = views::rows(run, inputs)?;
-    // Where no surface was found there is no mesh, and the page does without.
-    let mesh = scene_export::Mesh::of_run(run.root())
-        .ok()
-        .and_then(|mesh| mesh::packed(&mesh, &inputs.scene.model.views));
-    let page = page::page(inputs, &rows, mesh.as_ref());
+    // Where no surface was found there is no mesh, and the page does without; of one that is damaged it says so.
+    let read = run
+        .mesh_path()
+        .is_file()
+        .then(|| scene_export::Mesh::of_run(run.root()))
+        .transpose();
+    let (mesh, fault) = match read {
+        Ok(mesh) => (mesh, None),
+        Err(error) => (None, Some(format!("the mesh is not shown: {error}"))),
+    };
+    let mesh = mesh.and_then(|mesh| mesh::packed(&mesh, &inputs.scene.model.views));
+    let page = page::page(inputs, &rows, mesh.as_ref(), fault.as_deref());
     run.write(&run.report_path(), |out| out.write_all(page.as_bytes()))?;
     Ok(())
 }

@@ -22,8 +22,13 @@ const VIEWER: &str = include_str!("viewer.js");
 /// Views listed as the worst.
 const WORST: usize = 5;
 
-/// The whole document.
-pub(super) fn page(inputs: &ReportInputs, rows: &[Row], mesh: Option<&PackedMesh>) -> String {
+/// The whole document. `fault` says what is wrong with a mesh that is not shown.
+pub(super) fn page(
+    inputs: &ReportInputs,
+    rows: &[Row],
+    mesh: Option<&PackedMesh>,
+    fault: Option<&str>,
+) -> String {
     let title = escape(&inputs.title);
     let mut html = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -44,9 +49,13 @@ pub(super) fn page(inputs: &ReportInputs, rows: &[Row], mesh: Option<&PackedMesh
             "<h2>Training</h2>\n<div class=\"plots\">\n{curves}</div>\n"
         );
     }
-    if !inputs.notes.is_empty() {
+    let notes: Vec<&str> = fault
+        .into_iter()
+        .chain(inputs.notes.iter().map(String::as_str))
+        .collect();
+    if !notes.is_empty() {
         html.push_str("<h2>Notes</h2>\n<ul class=\"notes\">\n");
-        for note in &inputs.notes {
+        for note in notes {
             let _ = writeln!(html, "<li>{}</li>", escape(note));
         }
         html.push_str("</ul>\n");

@@ -105,6 +105,20 @@ fn results_that_are_missing_are_shown_as_missing() {
 }
 
 #[test]
+fn a_damaged_mesh_is_a_note_on_the_page() {
+    let dir = tempfile::tempdir().unwrap();
+    let (_, run) = fabricated::run(dir.path(), false);
+    fs::write(run.mesh_path(), "not a mesh").unwrap();
+    write_report(&run, &ReportInputs::gather(&run).unwrap()).unwrap();
+    let html = fs::read_to_string(run.report_path()).unwrap();
+    assert!(html.contains("<li>the mesh is not shown: ") && html.contains("mesh.ply"));
+    fs::remove_file(run.mesh_path()).unwrap();
+    write_report(&run, &ReportInputs::gather(&run).unwrap()).unwrap();
+    let html = fs::read_to_string(run.report_path()).unwrap();
+    assert!(!html.contains("the mesh is not shown"));
+}
+
+#[test]
 fn a_damaged_result_is_named() {
     let dir = tempfile::tempdir().unwrap();
     let (_, run) = fabricated::run(dir.path(), false);
