@@ -154,7 +154,11 @@ impl TrainConfig {
             ("schedule.final_ratio", schedule.final_ratio),
         ] {
             if !value.is_finite() || value <= 0.0 {
-                return Err(bad(key, value, "it must be greater than 0".to_owned()));
+                return Err(bad(
+                    key,
+                    value,
+                    "it must be a finite number greater than 0".to_owned(),
+                ));
             }
         }
         for (key, value) in [
@@ -178,7 +182,11 @@ impl TrainConfig {
             ("export.edge_width", export.edge_width),
         ] {
             if !value.is_finite() || value < 0.0 {
-                return Err(bad(key, value, "it cannot be negative".to_owned()));
+                return Err(bad(
+                    key,
+                    value,
+                    "it must be a finite number of at least 0".to_owned(),
+                ));
             }
         }
         Ok(())

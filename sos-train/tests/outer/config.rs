@@ -211,6 +211,11 @@ fn values_out_of_range_are_found() {
         let error = config.validate().unwrap_err().to_string();
         assert!(error.starts_with(key), "{given}: {error}");
     }
+    // Finite where it is read, and not where it is kept.
+    let mut config = TrainConfig::default();
+    config.apply_override("loss.mask=1e39").unwrap();
+    let error = config.validate().unwrap_err().to_string();
+    assert!(error.contains("a finite number of at least 0"), "{error}");
     // A semantic field is a density.
     let mut config = TrainConfig::default();
     config.apply_override("model.fields=semantic").unwrap();
