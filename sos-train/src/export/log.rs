@@ -42,7 +42,7 @@ pub struct LogRecord {
     pub occupied: Option<f32>,
     /// Mean change of the mattes since they were last looked at.
     pub alpha_change: Option<f32>,
-    /// Every loss by name, weighted, and their sum as `total`.
+    /// Every loss by name, before its weight, and as `total` their sum with weights, which is what is trained.
     pub losses: BTreeMap<String, f32>,
 }
 

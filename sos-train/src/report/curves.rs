@@ -60,7 +60,7 @@ pub(crate) fn plots(log: &[Map<String, Value>]) -> String {
             Scale::Linear,
             one("psnr", "PSNR"),
         ),
-        ("losses, weighted", Scale::Log, losses),
+        ("losses, before their weights", Scale::Log, losses),
         ("sharpness b", Scale::Log, sharpness),
         (
             "change of the mattes",
