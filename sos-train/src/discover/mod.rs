@@ -9,6 +9,7 @@
 //!
 //! The whole of it is open point 5 of the method, which leaves the choice of the surface to the reader.
 
+mod cores;
 pub mod hint;
 mod look;
 pub mod masks;

@@ -3,6 +3,7 @@
 use glam::Vec3;
 use scene_decomp::probability::ProbabilityMap;
 
+use super::cores::{components, cores};
 use super::plane::Plane;
 
 /// How much less a voxel counts with its distance from the middle: the deviation of a Gaussian.
@@ -19,6 +20,8 @@ const SIDE_SHARE: f32 = 0.1;
 const CRUMB: f32 = 0.002;
 /// Parts this close to the chosen one's bounds belong to it, in the normalised frame.
 const REACH: f32 = 0.04;
+/// How much of what is central about a part that goes on beyond the region one of its cores must have to be the object.
+const CORE_SHARE: f32 = 0.5;
 /// Voxels of the smallest part worth a thought.
 const LEAST_VOXELS: usize = 40;
 
@@ -26,6 +29,8 @@ const LEAST_VOXELS: usize = 40;
 #[derive(Debug)]
 pub struct Parts {
     resolution: usize,
+    /// What lies above the ground, seen or not.
+    solid: Vec<bool>,
     /// The part of each voxel, from 1 on; 0 is none.
     labels: Vec<u32>,
     /// By number, from 1 on.
@@ -40,6 +45,13 @@ struct Part {
     central: f32,
     low: Vec3,
     high: Vec3,
+}
+
+impl Part {
+    /// Whether it goes on beyond the region.
+    fn is_cut(&self) -> bool {
+        self.border as f32 > BORDER_SHARE * self.voxels as f32
+    }
 }
 
 /// Voxels of the parts that were chosen, and those next to them.
@@ -111,56 +123,58 @@ impl Parts {
     #[must_use]
     pub fn new(solid: &[f32], resolution: usize, ground: Option<&Plane>) -> Self {
         let unseen = solid.iter().copied().fold(0.0, f32::min);
-        let free: Vec<bool> = solid
-            .iter()
-            .enumerate()
-            .map(|(cell, distance)| {
-                let seen = *distance < 0.0 && *distance > 0.999 * unseen;
-                seen && {
-                    let p = ProbabilityMap::centre(resolution, cell);
-                    ground.is_none_or(|plane| plane.height(p) > plane.thickness)
-                }
-            })
-            .collect();
-        let mut out = Self {
-            resolution,
-            labels: vec![0; solid.len()],
-            parts: vec![Part::default()],
+        let above = |cell: usize| {
+            let p = ProbabilityMap::centre(resolution, cell);
+            ground.is_none_or(|plane| plane.height(p) > plane.thickness)
         };
-        let mut stack = Vec::new();
-        for seed in 0..free.len() {
-            if free[seed] && out.labels[seed] == 0 {
-                out.collect(seed, &free, &mut stack);
-            }
-        }
-        out
+        let cells = solid.iter().enumerate();
+        let massive: Vec<bool> = cells.map(|(cell, d)| *d < 0.0 && above(cell)).collect();
+        let seen = massive
+            .iter()
+            .zip(solid)
+            .map(|(massive, d)| *massive && *d > 0.999 * unseen);
+        let seen: Vec<bool> = seen.collect();
+        let (labels, count) = components(&seen, resolution);
+        Self::of_labels(resolution, massive, labels, count)
     }
 
-    /// All that is connected with the voxel `seed`, by faces, edges or corners.
-    fn collect(&mut self, seed: usize, free: &[bool], stack: &mut Vec<usize>) {
-        let number = self.parts.len() as u32;
-        let mut part = Part {
+    fn of_labels(resolution: usize, solid: Vec<bool>, labels: Vec<u32>, count: u32) -> Self {
+        let nothing = Part {
             low: Vec3::INFINITY,
             high: Vec3::NEG_INFINITY,
             ..Part::default()
         };
-        self.labels[seed] = number;
-        stack.push(seed);
-        while let Some(cell) = stack.pop() {
-            let p = ProbabilityMap::centre(self.resolution, cell);
+        let mut parts = vec![nothing; count as usize + 1];
+        for (cell, &label) in labels.iter().enumerate().filter(|(_, label)| **label != 0) {
+            let p = ProbabilityMap::centre(resolution, cell);
+            let part = &mut parts[label as usize];
             part.voxels += 1;
             part.border += usize::from(at_border(p));
             part.central += (-0.5 * p.length_squared() / (CENTRAL * CENTRAL)).exp();
             part.low = part.low.min(p);
             part.high = part.high.max(p);
-            for next in neighbours(cell, self.resolution) {
-                if free[next] && self.labels[next] == 0 {
-                    self.labels[next] = number;
-                    stack.push(next);
-                }
-            }
         }
-        self.parts.push(part);
+        Self {
+            resolution,
+            solid,
+            labels,
+            parts,
+        }
+    }
+
+    /// The same with part `number` fallen apart into its cores, which come after all other parts.
+    fn split(&self, number: usize) -> Self {
+        let of_part = |cell: usize| self.labels[cell] as usize == number;
+        let (cores, count) = cores(&self.solid, of_part, self.resolution);
+        let first = self.parts.len() as u32 - 1;
+        let labels = self.labels.iter().zip(cores);
+        let labels = labels.map(|(label, core)| if core == 0 { *label } else { first + core });
+        Self::of_labels(
+            self.resolution,
+            self.solid.clone(),
+            labels.collect(),
+            first + count,
+        )
     }
 
     /// How many parts there are, crumbs left out.
@@ -172,17 +186,30 @@ impl Parts {
             .count()
     }
 
-    /// The largest part near the middle that ends within the region.
+    /// The largest part near the middle that ends within the region. Where the largest goes on beyond it, a core that does
+    /// not and has most of what is central about it.
     #[must_use]
     pub fn most_central(&self) -> Option<PartSet> {
-        let score = |part: &Part| {
-            let cut = part.border as f32 > BORDER_SHARE * part.voxels as f32;
-            part.central * if cut { CUT_OFF } else { 1.0 }
-        };
-        (1..self.parts.len())
+        let whole = self.best(1)?;
+        if self.parts[whole].is_cut() {
+            let split = self.split(whole);
+            let core = split.best(self.parts.len()).filter(|&core| {
+                let least = CORE_SHARE * self.parts[whole].central;
+                !split.parts[core].is_cut() && split.parts[core].central >= least
+            });
+            if let Some(core) = core {
+                return Some(split.with_neighbours(&[core]));
+            }
+        }
+        Some(self.with_neighbours(&[whole]))
+    }
+
+    /// The number of the most central part, from part `first` on.
+    fn best(&self, first: usize) -> Option<usize> {
+        let score = |part: &Part| part.central * if part.is_cut() { CUT_OFF } else { 1.0 };
+        (first..self.parts.len())
             .filter(|&i| self.parts[i].voxels >= LEAST_VOXELS)
             .max_by(|&a, &b| score(&self.parts[a]).total_cmp(&score(&self.parts[b])))
-            .map(|chosen| self.with_neighbours(&[chosen]))
     }
 
     /// All parts but crumbs.
@@ -194,9 +221,25 @@ impl Parts {
         (!chosen.is_empty()).then(|| self.set(&chosen))
     }
 
-    /// The part nearest to `point`, within a few voxels.
+    /// The part nearest to `point`, within a few voxels; its core there, where that ends within the region and the part
+    /// does not.
     #[must_use]
     pub fn at(&self, point: Vec3) -> Option<PartSet> {
+        let whole = self.nearest(point)?;
+        if self.parts[whole].is_cut() {
+            let split = self.split(whole);
+            let core = split
+                .nearest(point)
+                .filter(|&core| !split.parts[core].is_cut());
+            if let Some(core) = core {
+                return Some(split.with_neighbours(&[core]));
+            }
+        }
+        Some(self.with_neighbours(&[whole]))
+    }
+
+    /// The number of the part nearest to `point`, within a few voxels.
+    fn nearest(&self, point: Vec3) -> Option<usize> {
         let n = self.resolution;
         let near = 3.0 * 2.0 / n as f32;
         let mut best: Option<(f32, u32)> = None;
@@ -209,7 +252,7 @@ impl Parts {
                 best = Some((distance, label));
             }
         }
-        best.map(|(_, label)| self.with_neighbours(&[label as usize]))
+        best.map(|(_, label)| label as usize)
     }
 
     /// The parts of which at least the share `least` of what one view shows is `inside` its mask.
@@ -242,9 +285,8 @@ impl Parts {
             .filter(|&i| {
                 let part = &self.parts[i];
                 let within = part.low.cmpge(low).all() && part.high.cmple(high).all();
-                let whole = part.border as f32 <= BORDER_SHARE * part.voxels as f32;
                 chosen.contains(&i)
-                    || (within && whole && part.voxels as f32 > CRUMB * voxels as f32)
+                    || (within && !part.is_cut() && part.voxels as f32 > CRUMB * voxels as f32)
             })
             .collect();
         self.set(&all)
@@ -272,7 +314,7 @@ impl Parts {
 }
 
 /// The up to 26 voxels around one.
-fn neighbours(cell: usize, n: usize) -> impl Iterator<Item = usize> {
+pub(super) fn neighbours(cell: usize, n: usize) -> impl Iterator<Item = usize> {
     let at = [cell % n, cell / n % n, cell / (n * n)].map(|v| v as i64);
     (0..27i64).filter(|k| *k != 13).filter_map(move |k| {
         let to = [at[0] + k % 3 - 1, at[1] + k / 3 % 3 - 1, at[2] + k / 9 - 1];
@@ -345,6 +387,30 @@ mod tests {
         let cut = found(Vec3::new(0.8, -0.1, -0.7)).unwrap();
         assert_eq!(cut.goes_on(), Some(Vec3::new(1.0, 0.0, -1.0)));
         assert!(cut.border_share() > BORDER_SHARE);
+    }
+
+    #[test]
+    fn what_hangs_together_with_something_beyond_the_region_is_found_alone() {
+        let (central, beyond) = (Vec3::new(-0.15, 0.0, 0.0), Vec3::new(0.85, 0.1, 0.0));
+        let on_central = central - Vec3::X * 0.27;
+        let mut solid = shells(&[(central, 0.3), (beyond, 0.35)]);
+        // A streak from one to the other, three voxels thick.
+        for (cell, distance) in solid.iter_mut().enumerate() {
+            let p = ProbabilityMap::centre(N, cell);
+            if (0.0..0.7).contains(&p.x) {
+                *distance = distance.min(p.y.hypot(p.z) - 0.06);
+            }
+        }
+        let parts = Parts::new(&solid, N, None);
+        assert_eq!(parts.count(), 1);
+        let found = parts.most_central().unwrap();
+        assert!(found.contains(on_central) && !found.contains(beyond - Vec3::X * 0.33));
+        assert_eq!(found.goes_on(), None);
+        let clicked = parts.at(on_central).unwrap();
+        assert!(clicked.contains(on_central) && clicked.goes_on().is_none());
+        // What is massive itself where it goes on is not cut up.
+        let other = parts.at(beyond - Vec3::X * 0.33).unwrap();
+        assert!(other.contains(on_central) && other.goes_on().is_some());
     }
 
     #[test]
