@@ -12,7 +12,7 @@ use crate::photos::{first_folder, in_folder, stored_size};
 use crate::pose;
 use glam::{DMat3, DVec2, DVec3};
 use io_colmap::Pose;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 /// Pixels by which leaving skew out may be wrong.
@@ -49,8 +49,10 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         .find(|masks| !masks.is_empty())
         .unwrap_or_default();
 
+    let matched = masks_of(&photos, &masks);
+
     let mut gather = Gather::default();
-    for (i, photo) in pairs {
+    for (order, (i, photo)) in pairs.into_iter().enumerate() {
         let name = format!("world_mat_{i}");
         let bad = |what: String| {
             ImportError::bad(
@@ -79,17 +81,14 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
             )));
         }
         gather.views.push(Found {
-            // Masks are listed in the same order, one for every photo, or not at all.
-            mask: masks
-                .get(i)
-                .filter(|_| masks.len() == photos.len())
-                .cloned(),
+            // By the photo's place: a camera's number counts photos that are gone too.
+            mask: matched.as_ref().map(|masks| masks[order].clone()),
             photo,
             camera: frame.perspective([0.0; 4], [0.0; 2]).map_err(bad)?,
             camera_from_world: projection.camera_from_world,
         });
     }
-    if !masks.is_empty() && masks.len() != photos.len() {
+    if !masks.is_empty() && matched.is_none() {
         gather.notes.push(format!(
             "{} masks do not go with {} photos and are left out; name their folder with --masks to match them by name",
             masks.len(),
@@ -127,6 +126,26 @@ fn pair(
             "cameras belong to photos by their order, so there must be as many; restore the photos or name their folder with sos import --images",
         )),
     }
+}
+
+/// A mask for every photo: by name where each has its own, else by order where there are as many.
+fn masks_of(photos: &[PathBuf], masks: &[PathBuf]) -> Option<Vec<PathBuf>> {
+    // `image/000012.png` goes with `mask/012.png`.
+    let key = |path: &PathBuf| {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        match stem.parse::<u64>() {
+            Ok(number) => number.to_string(),
+            Err(_) => stem.into_owned(),
+        }
+    };
+    let by_name: HashMap<String, &PathBuf> = masks.iter().map(|mask| (key(mask), mask)).collect();
+    let named = photos
+        .iter()
+        .map(|photo| by_name.get(&key(photo)).map(|mask| (*mask).clone()))
+        .collect::<Option<Vec<PathBuf>>>()
+        // Two masks of one name, such as 1.png and 01.png, say nothing about which is whose.
+        .filter(|_| by_name.len() == masks.len());
+    named.or_else(|| (masks.len() == photos.len()).then(|| masks.to_vec()))
 }
 
 /// What the file says about where the object is.

@@ -6,6 +6,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use scene_import::{Format, detect, read};
 use serde_json::{Value, json};
 use std::fs;
+use std::path::PathBuf;
 
 /// Exact but for rounding.
 const EXACT: f64 = 1e-6;
@@ -234,6 +235,44 @@ fn neus_projection_matrices_come_apart() {
     let third = &imported.model.views[1];
     assert_eq!(third.name, "002.png");
     assert!(third.camera_from_world.centre().distance(eyes()[2].centre) < EXACT);
+}
+
+#[test]
+fn neus_masks_stay_with_their_photos_when_some_are_gone() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::neus(dir.path());
+    let rename = |folder: &str, to: &dyn Fn(usize) -> String| {
+        let folder = dir.path().join(folder);
+        for (i, eye) in eyes().iter().enumerate() {
+            fs::rename(folder.join(format!("{}.png", eye.name)), folder.join(to(i))).unwrap();
+        }
+    };
+    let masks = || -> Vec<String> {
+        let imported = import(dir.path(), Format::Neus).unwrap();
+        let name = |mask: &Option<PathBuf>| {
+            let name = mask.as_deref().unwrap().file_name().unwrap();
+            name.to_string_lossy().into_owned()
+        };
+        imported.masks.iter().map(name).collect()
+    };
+    rename("image", &|i| format!("{i:06}.png"));
+    rename("mask", &|i| format!("{i:03}.png"));
+    fs::remove_file(dir.path().join("image/000001.png")).unwrap();
+    // All four masks are there, and go by number.
+    assert_eq!(masks(), ["000.png", "002.png", "003.png"]);
+    // As many as photos.
+    fs::remove_file(dir.path().join("mask/001.png")).unwrap();
+    assert_eq!(masks(), ["000.png", "002.png", "003.png"]);
+    // Names that say nothing: by order.
+    for (from, to) in [("000", "a"), ("002", "b"), ("003", "c")] {
+        let mask = |name: &str| dir.path().join(format!("mask/{name}.png"));
+        fs::rename(mask(from), mask(to)).unwrap();
+    }
+    assert_eq!(masks(), ["a.png", "b.png", "c.png"]);
+    fs::remove_file(dir.path().join("mask/b.png")).unwrap();
+    let imported = import(dir.path(), Format::Neus).unwrap();
+    assert!(imported.masks.iter().all(Option::is_none));
+    assert!(imported.notes.iter().any(|note| note.contains("2 masks")));
 }
 
 #[test]
