@@ -16,6 +16,8 @@ use std::path::Path;
 
 /// Colour distance, in 0..=1 per channel, that makes a step of a growing region ten times as long.
 const COLOUR_STEP: f32 = 0.02;
+/// Start of the name of a folder that is being written.
+const PARTIAL: &str = ".sos-partial-";
 
 /// What is wrong with masks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -130,8 +132,8 @@ pub fn degrade(
     }
 }
 
-/// Writes masks with a fault, an 8-bit PNG per view of `gt_dir` into `out`, which is created; returns how
-/// many.
+/// Writes masks with a fault, an 8-bit PNG per view of `gt_dir` into the folder `out`, which appears when
+/// all of them are there and may not hold anything before; returns how many.
 ///
 /// `photos` holds a picture per view, matched as in [`compare_folders`](crate::compare_folders).
 ///
@@ -152,7 +154,22 @@ pub fn degrade_folder(
         path: path.to_owned(),
         reason,
     };
-    std::fs::create_dir_all(out).map_err(|e| failed(out, e.to_string()))?;
+    let parent = out
+        .parent()
+        .filter(|parent| !parent.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
+    std::fs::create_dir_all(parent).map_err(|e| failed(parent, e.to_string()))?;
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(PARTIAL);
+    #[cfg(unix)]
+    {
+        // As for any new folder: what the user's umask leaves of it, not the private 0700.
+        use std::os::unix::fs::PermissionsExt as _;
+        builder.permissions(std::fs::Permissions::from_mode(0o777));
+    }
+    let fresh = builder
+        .tempdir_in(parent)
+        .map_err(|e| failed(parent, e.to_string()))?;
     let views: Vec<_> = truth.iter().enumerate().collect();
     let written = views.par_iter().map(|&(index, (name, path))| {
         let matte = read_alpha(path)?;
@@ -172,13 +189,19 @@ pub fn degrade_folder(
         let Some(mask) = degrade(&mask, &photo, fault, share, index, seed) else {
             return Ok(0);
         };
-        let target = out.join(format!("{name}.png"));
+        let target = fresh.path().join(format!("{name}.png"));
         picture(&mask)
             .save(&target)
             .map_err(|e| failed(&target, e.to_string()))?;
         Ok(1)
     });
-    written.sum()
+    let written = written.sum::<Result<usize, EvalError>>()?;
+    // Takes the place of an empty folder too, where the system allows it.
+    let _ = std::fs::remove_dir(out);
+    std::fs::rename(fresh.path(), out).map_err(|e| failed(out, e.to_string()))?;
+    // There is nothing left to remove at the old name.
+    let _ = fresh.keep();
+    Ok(written)
 }
 
 fn picture(mask: &Mask) -> GrayImage {
@@ -363,6 +386,27 @@ mod tests {
             250,
         );
         assert!(bar.iter().all(|&p| photo.values[p][0] > 0.5));
+    }
+
+    #[test]
+    fn a_folder_appears_whole_or_not_at_all() {
+        let root = tempfile::tempdir().unwrap();
+        let [truth, photos, out] = ["truth", "photos", "out"].map(|name| root.path().join(name));
+        std::fs::create_dir_all(&truth).unwrap();
+        std::fs::create_dir_all(&photos).unwrap();
+        let grey = image::GrayImage::from_pixel(8, 8, image::Luma([255]));
+        for (folder, name) in [(&truth, "a"), (&truth, "b"), (&photos, "a"), (&photos, "b")] {
+            grey.save(folder.join(format!("{name}.png"))).unwrap();
+        }
+        let degrade = || degrade_folder(&truth, &photos, Fault::Eroded, 0.2, 1, &out);
+        std::fs::write(photos.join("b.png"), "no picture").unwrap();
+        assert!(degrade().is_err() && !out.exists());
+        grey.save(photos.join("b.png")).unwrap();
+        assert_eq!(degrade(), Ok(2));
+        // Masks of another call would not be told from these.
+        assert!(matches!(degrade(), Err(EvalError::Write { .. })));
+        assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2);
+        assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 3);
     }
 
     #[test]

@@ -9,7 +9,7 @@ mod error;
 mod files;
 
 pub use error::RunError;
-pub(crate) use files::{view_file, write_whole};
+pub(crate) use files::{view_file, write_folder, write_whole};
 
 use files::{
     Durability, PARTIAL, remove_file, remove_folder, remove_made, remove_pictures, write_file,

@@ -7,7 +7,7 @@ use crate::error::InputError;
 use crate::export::check_names;
 use crate::prepare::view::load_views;
 use crate::prepare::{outline, prepare};
-use crate::run_folder::{RunError, view_file};
+use crate::run_folder::{RunError, view_file, write_folder};
 use image::GrayImage;
 use io_colmap::{ColmapError, MaskSet, Scene};
 use rayon::prelude::*;
@@ -95,27 +95,26 @@ fn write_mattes<'a>(
     count: usize,
     matte: impl Fn(usize) -> Option<(&'a str, GrayImage)> + Sync,
 ) -> anyhow::Result<usize> {
-    // Beside its place first: no half of it is ever taken for the whole.
-    let fresh = out.with_extension("part");
     let failed = |action, path: &Path, source| RunError::Io {
         action,
         path: path.to_path_buf(),
         source,
     };
-    fs::create_dir_all(&fresh).map_err(|e| failed("create", &fresh, e))?;
-    let written = (0..count).into_par_iter().map(|index| {
+    let write_one = |fresh: &Path, index: usize| {
         let Some((name, picture)) = matte(index) else {
             return Ok(0);
         };
-        let path = view_file(&fresh, name, "png");
+        let path = view_file(fresh, name, "png");
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(|e| failed("create", folder, e))?;
         }
         let written = picture.save(&path).map_err(std::io::Error::other);
         written.map_err(|e| failed("write", &path, e))?;
         Ok(1)
+    };
+    let written = write_folder(out, |fresh| {
+        let indices = (0..count).into_par_iter();
+        indices.map(|index| write_one(fresh, index)).sum()
     });
-    let written = written.sum::<Result<usize, RunError>>()?;
-    fs::rename(&fresh, out).map_err(|e| failed("write", out, e))?;
-    Ok(written)
+    Ok(written?)
 }

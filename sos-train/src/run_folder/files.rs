@@ -23,16 +23,51 @@ pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<(), RunError> {
     write_file(path, Durability::Program, |out| out.write_all(content))
 }
 
+/// Fills a folder that belongs to no run in one piece, under another name beside its place, so that no
+/// half of it is ever taken for the whole. There must be nothing at `out`, or an empty folder.
+///
+/// # Errors
+/// What `fill` says, and [`RunError::Io`] if the folder cannot be made.
+pub(crate) fn write_folder<T>(
+    out: &Path,
+    fill: impl FnOnce(&Path) -> Result<T, RunError>,
+) -> Result<T, RunError> {
+    let parent = folder_of(out);
+    fs::create_dir_all(parent).map_err(|e| RunError::io("create the folder", parent, e))?;
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(PARTIAL);
+    #[cfg(unix)]
+    {
+        // As for any new folder: what the user's umask leaves of it, not the private 0700.
+        use std::os::unix::fs::PermissionsExt as _;
+        builder.permissions(fs::Permissions::from_mode(0o777));
+    }
+    let folder = builder
+        .tempdir_in(parent)
+        .map_err(|e| RunError::io("write to the folder", parent, e))?;
+    let filled = fill(folder.path())?;
+    // Takes the place of an empty folder too, where the system allows it.
+    let _ = fs::remove_dir(out);
+    fs::rename(folder.path(), out).map_err(|e| RunError::io("create the folder", out, e))?;
+    // There is nothing left to remove at the old name.
+    let _ = folder.keep();
+    Ok(filled)
+}
+
+/// The folder that a path is in.
+fn folder_of(path: &Path) -> &Path {
+    path.parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."))
+}
+
 pub(super) fn write_file(
     path: &Path,
     durability: Durability,
     fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
 ) -> Result<(), RunError> {
     let fail = |e| RunError::io("write", path, e);
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     fs::create_dir_all(folder).map_err(|e| RunError::io("create the folder", folder, e))?;
     let mut builder = tempfile::Builder::new();
     builder.prefix(PARTIAL);

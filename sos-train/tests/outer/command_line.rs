@@ -415,8 +415,14 @@ fn the_visual_hull_is_written_and_compared() {
         "--out",
         "hull",
     ];
+    // Somebody else's, whatever its name.
+    let foreign = dir.path().join("hull.part/000.png");
+    fs::create_dir_all(dir.path().join("hull.part")).unwrap();
+    fs::write(&foreign, "mine").unwrap();
     let output = sos(dir.path(), &hull);
     assert!(output.status.success(), "{}", text(&output.stderr));
+    assert_eq!(fs::read_to_string(&foreign).unwrap(), "mine");
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 3);
     refused(dir.path(), &hull, &["hull", "exists already", "--out"]);
 
     let output = sos(
