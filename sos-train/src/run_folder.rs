@@ -346,8 +346,8 @@ impl RunFolder {
         write_file(path, Durability::Program, fill)
     }
 
-    /// Like [`RunFolder::write`], and the file survives a crash of the machine too: for
-    /// checkpoints.
+    /// Like [`RunFolder::write`], and what is in the file survives a crash of the machine too: for the
+    /// record that a run is known by.
     ///
     /// # Errors
     /// [`RunError::Io`] naming the file.

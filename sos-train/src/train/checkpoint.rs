@@ -118,6 +118,8 @@ impl Trainer {
         };
         let text = serde_json::to_vec_pretty(&numbers)?;
         fs::write(path(NUMBERS), text).map_err(|e| unwritable(&path(NUMBERS), &e))?;
+        // What took the old one's place without being on the disk yet would be lost with it.
+        sync_folder(&fresh)?;
         let old = target.with_extension("old");
         let _ = fs::remove_dir_all(&old);
         if target.exists() {
@@ -227,6 +229,22 @@ fn unwritable(path: &Path, error: &dyn std::fmt::Display) -> PrepareError {
         "{}: the checkpoint could not be written ({error}); make room or choose another --out",
         path.display()
     ))
+}
+
+/// Has the system write a folder and the files in it to the disk, so that they outlive a crash of the
+/// machine.
+fn sync_folder(folder: &Path) -> Result<(), PrepareError> {
+    for entry in fs::read_dir(folder).map_err(|e| unwritable(folder, &e))? {
+        let path = entry.map_err(|e| unwritable(folder, &e))?.path();
+        // To be written to: Windows refuses it otherwise.
+        let file = fs::OpenOptions::new().write(true).open(&path);
+        file.and_then(|file| file.sync_all())
+            .map_err(|e| unwritable(&path, &e))?;
+    }
+    // Their names. Some file systems cannot, and then need not be asked.
+    #[cfg(unix)]
+    let _ = fs::File::open(folder).and_then(|folder| folder.sync_all());
+    Ok(())
 }
 
 fn unusable(path: PathBuf, error: &dyn std::fmt::Display) -> PrepareError {

@@ -290,12 +290,13 @@ fn train(
     let mut restores = 0;
     // Time in which the run was paused.
     let mut paused = Duration::ZERO;
+    let elapsed = |paused: Duration| earlier_seconds + (started.elapsed() - paused).as_secs_f64();
     while trainer.step_number() < config.steps {
         let fitted = match trainer.fit_masks(data) {
             Ok(fitted) => fitted,
             Err(error) => {
                 // A run goes on from here once there is room again.
-                trainer.save(&job.run, earlier_seconds + started.elapsed().as_secs_f64())?;
+                trainer.save(&job.run, elapsed(paused))?;
                 return Err(error.into());
             }
         };
@@ -350,7 +351,7 @@ fn train(
             let losses = &report.losses;
             let record = LogRecord {
                 step,
-                seconds: earlier_seconds + (started.elapsed() - paused).as_secs_f64(),
+                seconds: elapsed(paused),
                 psnr,
                 sharpness: b,
                 sharpness_background: Some(b_background),
@@ -389,7 +390,7 @@ fn train(
         if step.is_multiple_of(config.export.preview_every) && step < config.steps {
             preview::write(&job.run, &trainer.freeze(), data)?;
         }
-        let seconds = earlier_seconds + (started.elapsed() - paused).as_secs_f64();
+        let seconds = elapsed(paused);
         if interrupted {
             // The checkpoint that is there is better than one of fields that are no numbers.
             if trainer.settle().is_finite() {
