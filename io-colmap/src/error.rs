@@ -1,5 +1,6 @@
 //! What can go wrong, said so that a person can repair it.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Where in a file something was found.
@@ -23,18 +24,31 @@ impl std::fmt::Display for Place {
     }
 }
 
+/// What to do where the operating system refused to read or write a file.
+#[must_use]
+pub fn remedy(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space",
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            "check that you may access it, or choose another place"
+        }
+        io::ErrorKind::NotFound => "check that it exists",
+        _ => "check the path and the disk",
+    }
+}
+
 /// Every failure of this crate: which file, what is wrong, what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum ColmapError {
     /// The operating system refused to read or write a file.
-    #[error("cannot {action} {}: {source}; check that it exists and that you may access it", path.display())]
+    #[error("cannot {action} {}: {source}; {}", path.display(), remedy(source))]
     Io {
         /// `read`, `write`, `list` or `create`.
         action: &'static str,
         /// The file or folder concerned.
         path: PathBuf,
         /// What the operating system said.
-        source: std::io::Error,
+        source: io::Error,
     },
     /// A model file holds something that is not a valid COLMAP model.
     #[error("{}{place}: {what}; {remedy}", path.display())]
@@ -71,7 +85,7 @@ pub enum ColmapError {
 }
 
 impl ColmapError {
-    pub(crate) fn io(action: &'static str, path: &Path, source: std::io::Error) -> Self {
+    pub(crate) fn io(action: &'static str, path: &Path, source: io::Error) -> Self {
         Self::Io {
             action,
             path: path.to_path_buf(),
@@ -111,5 +125,21 @@ impl Spot<'_> {
             what: what.into(),
             remedy: remedy.into(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_not_looked_for_in_the_path() {
+        let said = |kind: io::ErrorKind| {
+            ColmapError::io("write", Path::new("sparse/0/points3D.bin"), kind.into()).to_string()
+        };
+        assert!(said(io::ErrorKind::StorageFull).ends_with("; free some space"));
+        assert!(said(io::ErrorKind::QuotaExceeded).ends_with("; free some space"));
+        assert!(said(io::ErrorKind::PermissionDenied).contains("you may access it"));
+        assert!(said(io::ErrorKind::NotFound).ends_with("; check that it exists"));
     }
 }

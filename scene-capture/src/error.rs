@@ -27,7 +27,7 @@ pub enum CaptureError {
         remedy: String,
     },
     /// The operating system refused to read or write a file, or to start a program.
-    #[error("cannot {action} {}: {source}; check that it exists and that you may access it", path.display())]
+    #[error("cannot {action} {}: {source}; {}", path.display(), io_colmap::remedy(source))]
     Io {
         /// `read`, `write`, `list`, `create` or `start`.
         action: &'static str,

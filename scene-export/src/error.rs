@@ -60,11 +60,10 @@ pub struct UnknownWord {
 
 fn remedy(error: &io::Error) -> &'static str {
     match error.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space",
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
             "choose a folder you may write to with --out"
         }
-        _ => "check that it exists and that you may access it",
+        _ => io_colmap::remedy(error),
     }
 }
 

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
     /// The operating system refused to read or write a file.
-    #[error("cannot {action} {}: {source}; check that it exists and that you may access it", path.display())]
+    #[error("cannot {action} {}: {source}; {}", path.display(), io_colmap::remedy(source))]
     Io {
         /// `read`, `write`, `list` or `create`.
         action: &'static str,

@@ -56,7 +56,7 @@ fn remedy(error: &io::Error) -> &'static str {
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
             "choose a folder you may write to with --out"
         }
-        _ => "check the path and the disk",
+        _ => io_colmap::remedy(error),
     }
 }
 
