@@ -1,21 +1,29 @@
 //! What can go wrong when a scene is written.
 
+use std::io;
 use std::path::PathBuf;
+
+fn remedy(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space",
+        _ => "choose a folder that can be written to",
+    }
+}
 
 /// Failure to write a scene to disk.
 #[derive(Debug, thiserror::Error)]
 pub enum DemoError {
     /// A file or folder could not be created, written or renamed.
-    #[error("cannot write {path}: {source}; choose a folder that can be written to")]
+    #[error("cannot write {path}: {source}; {}", remedy(source))]
     Write {
         /// The file or folder in question.
         path: PathBuf,
         /// What the operating system said.
         #[source]
-        source: std::io::Error,
+        source: io::Error,
     },
     /// An image could not be encoded.
-    #[error("cannot encode {path}")]
+    #[error("cannot encode {path}: {source}; free some space, or choose another folder")]
     Encode {
         /// The image file in question.
         path: PathBuf,

@@ -73,6 +73,7 @@ pub use scene::{DemoScene, DemoView, generate};
 pub use sparse::{Observation, SparsePoint};
 pub use stage::TABLE_CENTRE;
 pub use target::{Mesh, target_bounds, target_sdf};
+pub use write::check_vacant;
 
 #[doc = include_str!("../README.md")]
 #[cfg(doctest)]

@@ -1,11 +1,16 @@
 //! Writes the demo scene into a folder.
 
 use std::path::PathBuf;
+use std::process::ExitCode;
 use std::time::Instant;
 
-use anyhow::Context as _;
-use clap::Parser;
-use demo_scene::{DemoConfig, generate};
+use clap::{Parser, value_parser};
+use demo_scene::{DemoConfig, check_vacant, generate};
+
+/// What clap ends with too.
+const BAD_INPUT: u8 = 2;
+/// Pixels a side, at most: the pictures of all views are in memory together.
+const MOST_PIXELS: i64 = 8192;
 
 /// Generate the demo scene: photos of a watering can with exact ground truth.
 #[derive(Parser)]
@@ -14,13 +19,13 @@ struct Arguments {
     /// Folder to create.
     out: PathBuf,
     /// Number of views.
-    #[arg(long)]
-    views: Option<usize>,
+    #[arg(long, value_parser = value_parser!(u16).range(1..=1000))]
+    views: Option<u16>,
     /// Image width in pixels.
-    #[arg(long)]
+    #[arg(long, value_parser = value_parser!(u32).range(1..=MOST_PIXELS))]
     width: Option<u32>,
     /// Image height in pixels.
-    #[arg(long)]
+    #[arg(long, value_parser = value_parser!(u32).range(1..=MOST_PIXELS))]
     height: Option<u32>,
     /// Seed of cameras, noise and mask flaws.
     #[arg(long)]
@@ -30,15 +35,20 @@ struct Arguments {
     tiny: bool,
 }
 
-fn main() -> anyhow::Result<()> {
+fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    // Before any work is done for it.
+    if let Err(error) = check_vacant(&arguments.out) {
+        eprintln!("{error}.");
+        return ExitCode::from(BAD_INPUT);
+    }
     let base = if arguments.tiny {
         DemoConfig::tiny()
     } else {
         DemoConfig::default()
     };
     let config = DemoConfig {
-        views: arguments.views.unwrap_or(base.views),
+        views: arguments.views.map_or(base.views, usize::from),
         width: arguments.width.unwrap_or(base.width),
         height: arguments.height.unwrap_or(base.height),
         seed: arguments.seed.unwrap_or(base.seed),
@@ -46,9 +56,10 @@ fn main() -> anyhow::Result<()> {
     };
     let start = Instant::now();
     let scene = generate(&config);
-    scene
-        .write(&arguments.out)
-        .context("the scene was not written")?;
+    if let Err(error) = scene.write(&arguments.out) {
+        eprintln!("{error}.");
+        return ExitCode::FAILURE;
+    }
     println!(
         "{}: {} views, {} points, mean coarse IoU {:.3}, {:.1} s",
         arguments.out.display(),
@@ -57,5 +68,5 @@ fn main() -> anyhow::Result<()> {
         scene.mean_coarse_iou(),
         start.elapsed().as_secs_f64()
     );
-    Ok(())
+    ExitCode::SUCCESS
 }

@@ -12,6 +12,19 @@ use crate::error::DemoError;
 use crate::scene::{DemoScene, DemoView};
 use crate::target::Mesh;
 
+/// Says whether [`DemoScene::write`] may write into `dir`, before anything is rendered for it.
+///
+/// # Errors
+/// [`DemoError::Occupied`] when `dir` holds something; otherwise what the file system says.
+pub fn check_vacant(dir: &Path) -> Result<(), DemoError> {
+    match fs::read_dir(dir).map(|mut entries| entries.next().is_some()) {
+        Ok(true) => Err(DemoError::Occupied(dir.to_owned())),
+        Ok(false) => Ok(()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(error) => Err(failed(dir)(error)),
+    }
+}
+
 impl DemoScene {
     /// Writes the scene into the folder `dir`, which must not exist yet or be empty:
     ///
@@ -31,16 +44,12 @@ impl DemoScene {
     /// # Errors
     /// [`DemoError::Occupied`] when `dir` holds something; otherwise what the file system says.
     pub fn write(&self, dir: &Path) -> Result<(), DemoError> {
-        match fs::read_dir(dir).map(|mut entries| entries.next().is_some()) {
-            Ok(true) => return Err(DemoError::Occupied(dir.to_owned())),
-            Ok(false) => fs::remove_dir(dir).map_err(failed(dir))?,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            Err(source) => {
-                return Err(DemoError::Write {
-                    path: dir.to_owned(),
-                    source,
-                });
+        check_vacant(dir)?;
+        match fs::remove_dir(dir) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                return Err(failed(dir)(error));
             }
+            _ => {}
         }
         let partial = sibling(dir);
         fs::create_dir_all(&partial).map_err(failed(&partial))?;

@@ -64,3 +64,40 @@ fn a_written_scene_is_complete_and_never_overwritten() {
 
     assert!(matches!(scene.write(&dir), Err(DemoError::Occupied(_))));
 }
+
+#[cfg(feature = "cli")]
+#[test]
+fn bad_input_ends_with_2_before_anything_is_rendered() {
+    let root = tempfile::tempdir().unwrap();
+    let out = root.path().join("scene");
+    let taken = root.path().join("taken");
+    std::fs::create_dir(&taken).unwrap();
+    std::fs::write(taken.join("thesis.doc"), "years of work").unwrap();
+    let demo = |arguments: &[&str], out: &std::path::Path| {
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_demo-scene"))
+            .args(arguments)
+            .arg(out)
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        (output.status.code(), said)
+    };
+    for arguments in [
+        ["--width", "0"],
+        ["--height", "0"],
+        ["--views", "0"],
+        ["--width", "4294967295"],
+    ] {
+        let (code, said) = demo(&arguments, &out);
+        assert_eq!(code, Some(2), "{said}");
+        assert!(said.contains(arguments[0]), "{said}");
+    }
+    let (code, said) = demo(&[], &taken);
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("choose a folder"), "{said}");
+    assert!(!out.exists());
+    // The smallest that is allowed works.
+    let smallest = ["--tiny", "--views", "1", "--width", "1", "--height", "1"];
+    let (code, said) = demo(&smallest, &out);
+    assert_eq!(code, Some(0), "{said}");
+}
