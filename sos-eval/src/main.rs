@@ -1,7 +1,9 @@
 //! `sos-eval PRED_DIR GT_DIR [--start DIR] [--filled] [--json FILE]`: scores a folder of alpha mattes.
 
 use clap::Parser;
-use std::path::PathBuf;
+use std::fs;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Scores a folder of alpha mattes against a folder of true ones and prints a table.
@@ -28,15 +30,44 @@ struct Args {
 
 fn main() -> ExitCode {
     match run(&Args::parse()) {
-        Ok(table) => {
-            print!("{table}");
-            ExitCode::SUCCESS
-        }
-        Err(sentence) => {
-            eprintln!("{sentence}.");
-            ExitCode::from(2)
-        }
+        Ok(table) => match io::stdout().write_all(table.as_bytes()) {
+            // A reader that has seen enough, as `head` has, is no failure.
+            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => refuse(&format!(
+                "the table cannot be printed ({error}): check where the output leads"
+            )),
+            _ => ExitCode::SUCCESS,
+        },
+        Err(sentence) => refuse(&sentence),
     }
+}
+
+fn refuse(sentence: &str) -> ExitCode {
+    eprintln!("{sentence}.");
+    ExitCode::from(2)
+}
+
+/// Writes a file beside its place first: a full disk leaves no half of it, and what was there stays.
+fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
+    if fs::metadata(path).is_ok_and(|found| !found.is_file()) {
+        // A pipe or /dev/stdout is no file that another could be put in the place of.
+        return fs::write(path, content);
+    }
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".sos-partial-");
+    #[cfg(unix)]
+    {
+        // As for any new file: what the user's umask leaves of it, not the private 0600.
+        use std::os::unix::fs::PermissionsExt as _;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.tempfile_in(folder)?;
+    file.write_all(content)?;
+    file.persist(path).map_err(|error| error.error)?;
+    Ok(())
 }
 
 fn run(args: &Args) -> Result<String, String> {
@@ -55,7 +86,7 @@ fn run(args: &Args) -> Result<String, String> {
             )
         };
         let json = serde_json::to_string_pretty(&report).map_err(|e| fail(e.to_string()))?;
-        std::fs::write(path, json + "\n").map_err(|e| fail(e.to_string()))?;
+        write_whole(path, (json + "\n").as_bytes()).map_err(|e| fail(e.to_string()))?;
     }
     Ok(report.table(args.worst))
 }

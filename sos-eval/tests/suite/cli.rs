@@ -28,6 +28,23 @@ fn prints_a_table_and_writes_json() {
     let report: sos_eval::Report =
         serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
     assert_eq!((report.mean.iou, report.start.unwrap().iou), (1.0, 1.0));
+    // Nothing but the folder and the file.
+    assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 2);
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_is_no_failure() {
+    let root = tempfile::tempdir().unwrap();
+    save(&disc(40, 20.0, 20.0, 10.0), &root.path().join("000.png"));
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let out = Command::new(env!("CARGO_BIN_EXE_sos-eval"))
+        .args([root.path(), root.path()])
+        .stdout(writer)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(out.stderr).unwrap();
+    assert_eq!((out.status.code(), said.as_str()), (Some(0), ""));
 }
 
 #[test]
