@@ -41,12 +41,19 @@ struct Lens {
 }
 
 impl Lens {
-    /// This frame's values, and the file's where it has none.
+    /// This frame's values, and the file's where it has none. A focal length is one value however it is
+    /// stated: a frame's angle is not overruled by the file's `fl_x`. Each axis is by itself.
     fn over(&self, file: &Lens) -> Lens {
+        let mut file = file.clone();
+        if self.fl_x.or(self.camera_angle_x).or(self.x_fov).is_some() {
+            (file.fl_x, file.camera_angle_x, file.x_fov) = (None, None, None);
+        }
+        if self.fl_y.or(self.camera_angle_y).or(self.y_fov).is_some() {
+            (file.fl_y, file.camera_angle_y, file.y_fov) = (None, None, None);
+        }
         macro_rules! merge {
             ($($field:ident),*) => { Lens { $($field: self.$field.clone().or_else(|| file.$field.clone())),* } };
         }
-        // A focal length of its own is not to be overruled by the file's, nor one axis by the other.
         merge!(
             camera_model,
             is_fisheye,
@@ -289,5 +296,29 @@ fn camera(lens: &Lens, (width, height): (u32, u32)) -> Result<Camera, String> {
             "the camera model {other:?} is unknown; known are {}, OPENCV, PINHOLE, SIMPLE_PINHOLE, OPENCV_FISHEYE, EQUIRECTANGULAR and FISHEYE624",
             CameraModel::Radial
         )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn a_frames_focal_length_is_its_own_however_it_is_stated() {
+        let focal = |frame: &str, file: &str| {
+            let [frame, file]: [Lens; 2] = [frame, file].map(|s| serde_json::from_str(s).unwrap());
+            let camera = camera(&frame.over(&file), (200, 100)).unwrap();
+            [camera.params[0].round(), camera.params[1].round()]
+        };
+        let file = r#"{"fl_x": 500, "fl_y": 400, "camera_angle_x": 0.4}"#;
+        assert_eq!(focal("{}", file), [500.0, 400.0]);
+        // 90 degrees over 200 pixels, over 100 pixels.
+        assert_eq!(focal(r#"{"x_fov": 90}"#, file), [100.0, 400.0]);
+        assert_eq!(focal(r#"{"y_fov": 90}"#, file), [500.0, 50.0]);
+        let angle = r#"{"camera_angle_x": 1.5707963267948966}"#;
+        assert_eq!(focal(angle, file), [100.0, 400.0]);
+        assert_eq!(focal(r#"{"x_fov": 90}"#, angle), [100.0, 100.0]);
+        assert_eq!(focal(r#"{"fl_x": 300}"#, angle), [300.0, 300.0]);
     }
 }
