@@ -230,7 +230,7 @@ impl Run {
 
 /// The name under which a photo's pictures lie in a run: without its ending, and without parts that
 /// would lead elsewhere.
-pub(crate) fn key_of(photo: &str) -> String {
+pub fn key_of(photo: &str) -> String {
     // COLMAP models made on Windows have backslashes.
     let clean = photo.replace('\\', "/");
     let mut parts: Vec<String> = Path::new(&clean)

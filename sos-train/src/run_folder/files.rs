@@ -3,7 +3,7 @@
 use super::RunError;
 use std::fs;
 use std::io::{self, BufWriter, Write as _};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 /// Start of the names of files that are being written.
 pub(super) const PARTIAL: &str = ".sos-partial-";
@@ -89,21 +89,10 @@ pub(super) fn write_file(
     Ok(())
 }
 
-/// The path of a view's file below `folder`: as the photo, with another ending. Parts of the name
-/// that would lead elsewhere are left out.
+/// The path of a view's file below `folder`: as the photo, with another ending. Exports look for it
+/// there, so that the rule is theirs.
 pub(crate) fn view_file(folder: &Path, photo: &str, ending: &str) -> PathBuf {
-    let mut path = folder.to_path_buf();
-    // COLMAP models made on Windows have backslashes.
-    for part in Path::new(&photo.replace('\\', "/")).components() {
-        if let Component::Normal(part) = part {
-            path.push(part);
-        }
-    }
-    let mut name = path.file_stem().unwrap_or_default().to_owned();
-    name.push(".");
-    name.push(ending);
-    path.set_file_name(name);
-    path
+    folder.join(format!("{}.{ending}", scene_export::key_of(photo)))
 }
 
 pub(super) fn remove_folder(path: &Path) -> Result<(), RunError> {
