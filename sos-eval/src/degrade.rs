@@ -10,6 +10,7 @@ use crate::growth::grow;
 use crate::matching::{list_pictures, match_views};
 use crate::picture::{Mask, RgbPlane, Sized2d, assert_same_size, read_alpha, read_rgb};
 use crate::report::MASK_THRESHOLD;
+use crate::splitmix::SplitMix64;
 use image::GrayImage;
 use rayon::prelude::*;
 use std::path::Path;
@@ -268,31 +269,25 @@ fn likeness(photo: &RgbPlane, start: usize) -> impl Fn(usize) -> f32 + '_ {
     }
 }
 
-/// Numbers from SplitMix64 (Steele et al., "Fast splittable pseudorandom number generators", 2014).
-struct Chance(u64);
+/// What is left to chance in one view.
+struct Chance(SplitMix64);
 
 impl Chance {
     fn of(seed: u64, index: usize) -> Self {
-        let mut chance = Self(seed ^ (index as u64).wrapping_mul(0xd1b5_4a32_d192_ed03));
-        chance.next();
-        chance
-    }
-
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        let seed = seed ^ (index as u64).wrapping_mul(0xd1b5_4a32_d192_ed03);
+        let mut random = SplitMix64::new(seed);
+        random.next();
+        Self(random)
     }
 
     /// In 0..2 pi.
     fn angle(&mut self) -> f32 {
-        (self.next() >> 40) as f32 / (1 << 24) as f32 * std::f32::consts::TAU
+        (self.0.next() >> 40) as f32 / (1 << 24) as f32 * std::f32::consts::TAU
     }
 
     fn one_of<'a, T>(&mut self, items: &'a [T]) -> Option<&'a T> {
         let count = items.len() as u64;
-        (count > 0).then(|| &items[(self.next() % count) as usize])
+        (count > 0).then(|| &items[(self.0.next() % count) as usize])
     }
 }
 

@@ -58,6 +58,7 @@ mod plates;
 mod ply;
 mod report;
 mod run;
+mod splitmix;
 mod table;
 
 pub use boundary::{BOUNDARY_SHARE, band_width, boundary_band, boundary_iou};

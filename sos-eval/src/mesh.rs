@@ -5,6 +5,7 @@
 //! floor: equal meshes do not get 0 but the spacing of the samples. Units are those of the meshes.
 
 use crate::EvalError;
+use crate::splitmix::SplitMix64;
 use glam::DVec3;
 use rayon::prelude::*;
 use rstar::{AABB, PointDistance, RTree, RTreeObject};
@@ -83,7 +84,7 @@ pub fn sample_surface(mesh: &TriangleMesh, n: usize, seed: u64) -> Vec<DVec3> {
     };
     let mut upper = triangle.area();
     let mut index = 0;
-    let mut random = SplitMix64(seed);
+    let mut random = SplitMix64::new(seed);
     let mut points = Vec::with_capacity(n);
     for i in 0..n {
         let target = (i as f64 + random.uniform()) / n as f64 * total;
@@ -227,19 +228,5 @@ impl PointDistance for Triangle {
     fn distance_2(&self, point: &[f64; 3]) -> f64 {
         let p = DVec3::from_array(*point);
         self.closest(p).distance_squared(p)
-    }
-}
-
-/// Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014.
-struct SplitMix64(u64);
-
-impl SplitMix64 {
-    /// Uniform in 0..1, 53 bits.
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 }
