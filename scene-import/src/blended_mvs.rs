@@ -15,9 +15,6 @@ use std::path::{Path, PathBuf};
 /// Where photos are; the masked ones beside them are not what a camera saw.
 const FOLDERS: [&str; 4] = ["blended_images", "images", "image", "."];
 
-/// Pixels by which leaving skew out may be wrong.
-const MOST_SKEW: f64 = 0.5;
-
 pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Imported, ImportError> {
     let folder = &detected.source;
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
@@ -59,8 +56,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
             focal,
             centre,
         };
-        let lost = frame.skew_error(skew);
-        if lost > MOST_SKEW {
+        if let Some(lost) = frame.lost_with_skew(skew) {
             return Err(bad(format!(
                 "the camera's axes are skew by {lost:.1} pixels, which no COLMAP camera is"
             )));

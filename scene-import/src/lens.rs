@@ -5,6 +5,8 @@ use io_colmap::{Camera, CameraModel};
 
 /// Error in pixels up to which a lens term that COLMAP lacks may be left out or replaced.
 const NEGLIGIBLE: f64 = 0.05;
+/// Pixels by which leaving skew out may be wrong.
+const MOST_SKEW: f64 = 0.5;
 
 /// Focal lengths and principal point in pixels, for a picture of that size. The top left pixel's
 /// centre is at `(0.5, 0.5)`.
@@ -108,8 +110,14 @@ impl Frame {
         }
     }
 
+    /// By how many pixels leaving skew out would be wrong, where that is too much. No COLMAP camera has
+    /// skew.
+    pub(crate) fn lost_with_skew(&self, skew: f64) -> Option<f64> {
+        Some(self.skew_error(skew)).filter(|lost| *lost > MOST_SKEW)
+    }
+
     /// How far skew moves a pixel at most: `skew` pixels along x per unit of y on the image plane.
-    pub(crate) fn skew_error(&self, skew: f64) -> f64 {
+    fn skew_error(&self, skew: f64) -> f64 {
         let (top, bottom) = (self.centre.y, f64::from(self.height) - self.centre.y);
         (skew * top.abs().max(bottom.abs()) / self.focal.y).abs()
     }
@@ -235,6 +243,15 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use glam::DVec3;
+
+    #[test]
+    fn skew_is_left_out_up_to_half_a_pixel() {
+        let frame = Frame::centred(640, 480, 500.0);
+        // 240 pixels from the middle to the upper edge.
+        let lost = |pixels: f64| frame.lost_with_skew(pixels * 500.0 / 240.0);
+        assert_eq!((lost(0.4), lost(-0.4)), (None, None));
+        assert!((lost(0.6).unwrap() - 0.6).abs() < 1e-9 && lost(-0.6).is_some());
+    }
 
     #[test]
     fn the_smallest_model_is_chosen() {

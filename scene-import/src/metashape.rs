@@ -16,9 +16,6 @@ use roxmltree::{Document, Node};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Pixels by which leaving the skew `b2` out may be wrong.
-const MOST_SKEW: f64 = 0.5;
-
 /// `p_world = scale * rotation * p + shift`
 struct Similarity {
     rotation: DMat3,
@@ -247,8 +244,7 @@ fn camera_of(sensor: Node) -> Result<Camera, String> {
         // Old versions count from the corner.
         centre: if f == 0.0 { offset } else { middle + offset },
     };
-    let lost = frame.skew_error(b2 + value("skew")?);
-    if lost > MOST_SKEW {
+    if let Some(lost) = frame.lost_with_skew(b2 + value("skew")?) {
         return Err(format!(
             "its skew b2 moves pixels by {lost:.1}, which no COLMAP camera does; optimise the cameras without b2"
         ));

@@ -15,9 +15,6 @@ use io_colmap::Pose;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-/// Pixels by which leaving skew out may be wrong.
-const MOST_SKEW: f64 = 0.5;
-
 /// A projection matrix taken apart.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Projection {
@@ -74,8 +71,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
             focal: projection.focal,
             centre: projection.centre,
         };
-        let lost = frame.skew_error(projection.skew);
-        if lost > MOST_SKEW {
+        if let Some(lost) = frame.lost_with_skew(projection.skew) {
             return Err(bad(format!(
                 "the camera's axes are skew by {lost:.1} pixels, which no COLMAP camera is"
             )));
