@@ -7,6 +7,7 @@ use super::frame::Frame;
 use super::view::TrainView;
 use super::votes::{Electorate, ViewTrust, vote_grid};
 use crate::config::PrepareConfig;
+use crate::median::median;
 use glam::{DMat3, DVec2, DVec3};
 use io_colmap::SparsePoint;
 use scene_decomp::probability::ProbabilityMap;
@@ -48,8 +49,7 @@ pub fn box_from_masks(
         .map(|o| o.angular_radius * (centre - o.origin).dot(o.forward))
         .filter(|r| *r > 0.0)
         .collect();
-    radii.sort_by(f64::total_cmp);
-    let Some(&radius) = radii.get(radii.len() / 2) else {
+    let Some(radius) = median(&mut radii) else {
         return Err(PrepareError::Scene(
             "the masks' rays meet behind the cameras; check the poses and the masks' polarity"
                 .into(),
@@ -115,8 +115,7 @@ pub fn box_from_cameras(views: &[TrainView]) -> Result<Frame, PrepareError> {
         .iter()
         .map(|o| (centre - o.origin).length() * o.angular_radius)
         .collect();
-    distances.sort_by(f64::total_cmp);
-    let half_side = distances.get(distances.len() / 2).copied().unwrap_or(1.0);
+    let half_side = median(&mut distances).unwrap_or(1.0);
     Ok(Frame { centre, half_side })
 }
 

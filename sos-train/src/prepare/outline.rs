@@ -13,6 +13,7 @@ use super::spans::PixelSpans;
 use super::view::TrainView;
 use super::votes::ViewTrust;
 use crate::config::PrepareConfig;
+use crate::median::median;
 
 /// What a pixel is taken for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -188,18 +189,13 @@ pub fn trust_masks(
             Some(both as f32 / either.max(1) as f32)
         })
         .collect();
-    let mut sorted: Vec<f32> = overlaps.iter().flatten().copied().collect();
-    sorted.sort_by(f32::total_cmp);
-    let median = sorted
-        .get(sorted.len() / 2)
-        .copied()
-        .unwrap_or(1.0)
-        .max(1e-3);
+    let mut known: Vec<f32> = overlaps.iter().flatten().copied().collect();
+    let middle = median(&mut known).unwrap_or(1.0).max(1e-3);
     ViewTrust(
         overlaps
             .iter()
             .map(|overlap| match overlap {
-                Some(overlap) => ((overlap / median - 0.5) / 0.3).clamp(0.0, 1.0),
+                Some(overlap) => ((overlap / middle - 0.5) / 0.3).clamp(0.0, 1.0),
                 None => 0.0,
             })
             .collect(),
