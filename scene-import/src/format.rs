@@ -130,8 +130,11 @@ impl FromStr for Format {
                 let names = Format::ALL.map(Format::name);
                 let typed = word.to_lowercase();
                 let edits = |name: &&str| strsim::damerau_levenshtein(&typed, name);
-                let near = names.iter().min_by_key(|name| edits(name));
-                let near = near.filter(|name| edits(name) <= NEAREST);
+                let near = names
+                    .iter()
+                    // As many edits as letters would turn it into any word.
+                    .filter(|name| edits(name) <= NEAREST && edits(name) < name.len())
+                    .min_by_key(|name| edits(name));
                 let meant = near.map(|name| format!("; did you mean {name}?"));
                 format!(
                     "no format is called {word:?}{} There are {}",

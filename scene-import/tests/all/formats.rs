@@ -414,5 +414,8 @@ fn what_is_found_is_said_and_may_be_overruled() {
     for format in Format::ALL {
         assert_eq!(format.name().parse::<Format>(), Ok(format));
     }
-    assert!("kolmap".parse::<Format>().unwrap_err().contains("colmap"));
+    let said = |word: &str| word.parse::<Format>().unwrap_err();
+    assert!(said("kolmap").contains("did you mean colmap?"));
+    assert!(said("tmu").contains("did you mean tum?"));
+    assert!(!said("x").contains("did you mean"), "{}", said("x"));
 }
