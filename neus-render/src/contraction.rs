@@ -7,9 +7,6 @@
 
 use glam::Vec3;
 
-/// Half the edge of the cube that contracted points lie in.
-pub const CONTRACTED_HALF: f32 = 2.0;
-
 /// Contracts a point of R^3 into the cube [-2, 2]^3.
 ///
 /// The limits of infinite points are not defined; everything finite stays finite.
@@ -44,20 +41,6 @@ pub fn uncontract(p: Vec3) -> Vec3 {
         // |c| = 2 - 1/r  =>  r = 1 / (2 - |c|).
         let gap = (2.0 - r).max(1e-6);
         p / (r * gap)
-    }
-}
-
-/// [`contract`] for a slice of points, in place.
-pub fn contract_slice(points: &mut [Vec3]) {
-    for p in points {
-        *p = contract(*p);
-    }
-}
-
-/// [`uncontract`] for a slice of points, in place.
-pub fn uncontract_slice(points: &mut [Vec3]) {
-    for p in points {
-        *p = uncontract(*p);
     }
 }
 
