@@ -2,7 +2,7 @@
 
 use crate::config::TrainConfig;
 use crate::prepare::error::PrepareError;
-use crate::prepare::{Outline, Prepared, TrainView};
+use crate::prepare::{MAP_RESOLUTION, Outline, Prepared, TrainView};
 use crate::train::Trainer;
 use hashgrid::{GridLayout, MomentPrecision};
 use scene_doctor::Cost;
@@ -26,8 +26,8 @@ const REPORT: u64 = 120_000;
 const MESH: u64 = 5_000_000;
 /// Bytes in a checkpoint for each entry of a hash table: its two values, and two moments of each.
 const ENTRY_ON_DISK: u64 = 2 * 4 * 3;
-/// Maps of the object's probability in a checkpoint, with 128 voxels a side.
-const MAPS_ON_DISK: u64 = 3 * 4 * 128 * 128 * 128;
+/// Maps of the object's probability in a checkpoint.
+const MAPS_ON_DISK: u64 = 3 * 4 * (MAP_RESOLUTION as u64).pow(3);
 /// The program, maps of space, and what a step and the pictures at the end need beside them.
 const REST_IN_MEMORY: u64 = 450_000_000;
 

@@ -33,7 +33,7 @@ use mask::Mask;
 use votes::{ViewTrust, vote_grid};
 
 /// Voxels per axis of m^P.
-const MAP_RESOLUTION: usize = 128;
+pub(crate) const MAP_RESOLUTION: usize = 128;
 /// Radius, in the normalised frame, of the ball that stands in for masks when there are none.
 const DEFAULT_BALL: f32 = 0.7;
 
