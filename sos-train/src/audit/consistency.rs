@@ -31,14 +31,14 @@ const SAME_COLOUR: f32 = 30.0;
 /// What was found at a cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Vote {
-    pub(super) agree: u16,
-    pub(super) object: u16,
+    pub(super) agree: u32,
+    pub(super) object: u32,
 }
 
 impl Vote {
     /// Share of looks that object, 0..1; 0 where nobody looked.
     pub(super) fn disagreement(self) -> f32 {
-        f32::from(self.object) / f32::from((self.agree + self.object).max(1))
+        self.object as f32 / (self.agree + self.object).max(1) as f32
     }
 
     /// Share of all looks that agree; `None` without any.
@@ -173,6 +173,15 @@ mod tests {
     use super::*;
     use glam::DQuat;
     use io_colmap::{Camera, CameraModel, Pose};
+
+    #[test]
+    fn many_cells_of_a_close_up_may_fall_into_one() {
+        let vote = Vote {
+            agree: 40_000,
+            object: 40_000,
+        };
+        assert_eq!(vote.disagreement(), 0.5);
+    }
 
     /// Cameras in a row look at a red square, 8 cells wide at depth 4, on a blue wall right behind.
     fn views(count: usize) -> Vec<ReducedView> {
