@@ -37,6 +37,16 @@ pub fn remedy(error: &io::Error) -> &'static str {
     }
 }
 
+/// What the operating system said when a picture could not be written, with the kind that [`remedy`] goes
+/// by.
+#[must_use]
+pub fn picture_error(error: image::ImageError) -> io::Error {
+    match error {
+        image::ImageError::IoError(error) => error,
+        other => io::Error::other(other.to_string()),
+    }
+}
+
 /// Every failure of this crate: which file, what is wrong, what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum ColmapError {
@@ -140,6 +150,8 @@ mod tests {
         assert!(said(io::ErrorKind::StorageFull).ends_with("; free some space"));
         assert!(said(io::ErrorKind::QuotaExceeded).ends_with("; free some space"));
         assert!(said(io::ErrorKind::PermissionDenied).contains("you may access it"));
+        let full = image::ImageError::IoError(io::ErrorKind::StorageFull.into());
+        assert_eq!(picture_error(full).kind(), io::ErrorKind::StorageFull);
         assert!(said(io::ErrorKind::NotFound).ends_with("; check that it exists"));
     }
 }

@@ -203,7 +203,7 @@ impl Picture {
                 self.height as u32,
                 ExtendedColorType::Rgb8,
             )
-            .map_err(|e| failed(io::Error::other(e.to_string())))?;
+            .map_err(|e| failed(io_colmap::picture_error(e)))?;
         out.flush().map_err(failed)
     }
 }

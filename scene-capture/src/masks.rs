@@ -43,7 +43,7 @@ pub(crate) fn write(
                     .map_err(|e| CaptureError::io("create", folder, e))?;
             }
             mask.save(&to)
-                .map_err(|e| CaptureError::io("write", &to, std::io::Error::other(e.to_string())))
+                .map_err(|e| CaptureError::io("write", &to, io_colmap::picture_error(e)))
         })?;
     let count = files.paths.iter().flatten().count();
     let mut notes = vec![format!(

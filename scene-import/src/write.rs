@@ -4,10 +4,9 @@ use crate::alpha;
 use crate::error::ImportError;
 use crate::gather::Imported;
 use crate::masks::{Chosen, MaskOptions, mask_path, save};
-use io_colmap::{Model, PhotoHeader, Scene, read_photo};
+use io_colmap::{Model, PhotoHeader, Scene, picture_error, read_photo};
 use rayon::prelude::*;
 use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 
 /// Start of the name of a scene that is being written.
@@ -90,7 +89,7 @@ impl Imported {
                 let picture = read_photo(photo, size(&imported.model, view.camera_id))?;
                 alpha::flatten(&picture)
                     .save(&to)
-                    .map_err(|e| ImportError::io("write", &to, io::Error::other(e.to_string())))?;
+                    .map_err(|e| ImportError::io("write", &to, picture_error(e)))?;
                 match (chosen, alpha::mask(&picture)) {
                     (Chosen::Alpha { .. }, Some(mask)) => {
                         save(&mask, &mask_path(&mask_dir, &view.name)).map(|()| true)

@@ -9,7 +9,7 @@ use crate::prepare::view::load_views;
 use crate::prepare::{outline, prepare};
 use crate::run_folder::{RunError, view_file, write_folder};
 use image::GrayImage;
-use io_colmap::{ColmapError, MaskSet, Scene};
+use io_colmap::{ColmapError, MaskSet, Scene, picture_error};
 use rayon::prelude::*;
 use serde_json::json;
 use std::fs;
@@ -108,7 +108,7 @@ fn write_mattes<'a>(
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(|e| failed("create", folder, e))?;
         }
-        let written = picture.save(&path).map_err(std::io::Error::other);
+        let written = picture.save(&path).map_err(picture_error);
         written.map_err(|e| failed("write", &path, e))?;
         Ok(1)
     };
