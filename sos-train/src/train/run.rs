@@ -1,6 +1,5 @@
 //! A whole run: prepare, train, export.
 
-use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -348,7 +347,6 @@ fn train(
                 .then(|| probes.change(trainer));
             let rate = (samples as f64 / seconds) as f32;
             let [b, b_background] = trainer.sharpness();
-            let losses = &report.losses;
             let record = LogRecord {
                 step,
                 seconds: elapsed(paused),
@@ -361,19 +359,11 @@ fn train(
                 learning_rate: trainer.learning_rate(),
                 occupied: Some(trainer.grids().object_share()),
                 alpha_change,
-                losses: BTreeMap::from([
-                    ("total".to_owned(), losses.total),
-                    ("colour".to_owned(), losses.colour),
-                    ("background".to_owned(), losses.background),
-                    ("eikonal".to_owned(), losses.eikonal),
-                    ("sparsity".to_owned(), losses.sparsity),
-                    ("mask".to_owned(), losses.mask),
-                    ("points".to_owned(), losses.points),
-                    ("curvature".to_owned(), losses.curvature),
-                    ("distortion".to_owned(), losses.distortion),
-                    ("far".to_owned(), losses.far),
-                    ("hidden".to_owned(), losses.hidden),
-                ]),
+                losses: report
+                    .losses
+                    .named()
+                    .map(|(name, value)| (name.to_owned(), value))
+                    .into(),
             };
             log.record(&record)?;
             if let Some(live) = &job.live {

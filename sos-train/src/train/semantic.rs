@@ -18,14 +18,12 @@ use std::sync::Arc;
 
 use burn::Tensor;
 use burn::tensor::TensorData;
-use losses::mask_loss;
+use losses::{OPACITY_OFFSET, mask_loss};
 use neus_render::composite::{CompositeConfig, Packing, column, composite, object_column};
 use scene_decomp::Geometry;
 
 /// The feature that is `z`.
 const LOGIT: usize = 0;
-/// Keeps the logarithm of `1 - P` finite, as the mask loss does that of `P`.
-const OFFSET: f32 = 1e-3;
 
 /// `p` of sample `i`, in `[0, 1]`.
 #[must_use]
@@ -73,7 +71,7 @@ pub fn loss(share: Tensor<1>, masks: &[Option<bool>]) -> Tensor<1> {
         let n = values.len();
         Tensor::from_data(TensorData::new(values, [n]), &device)
     };
-    let outside = share.clone().neg().add_scalar(1.0 + OFFSET).log();
+    let outside = share.clone().neg().add_scalar(1.0 + OPACITY_OFFSET).log();
     mask_loss(
         share,
         outside,

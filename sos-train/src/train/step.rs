@@ -6,7 +6,7 @@ use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 use glam::Vec3;
 use hashgrid::{GridLayout, SparseGrad};
-use losses::{ColourLoss, background_loss, eikonal_loss_of_lengths, mask_loss};
+use losses::{ColourLoss, OPACITY_OFFSET, background_loss, eikonal_loss_of_lengths, mask_loss};
 use neus_render::composite::{self, column};
 use scene_decomp::colour_field::{Reading, RowConfig};
 use scene_decomp::{Scene, Sharpness};
@@ -90,6 +90,39 @@ pub struct StepLosses {
 }
 
 impl StepLosses {
+    /// Each by its name in logs, before its weight; and their weighted sum, the `total`.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, f32); 11] {
+        // In full: a new loss does not compile before it has a name, or is left out on purpose.
+        let Self {
+            total,
+            colour,
+            background,
+            eikonal,
+            sparsity,
+            mask,
+            points,
+            curvature,
+            distortion,
+            far,
+            hidden,
+            mse: _,
+        } = *self;
+        [
+            ("total", total),
+            ("colour", colour),
+            ("background", background),
+            ("eikonal", eikonal),
+            ("sparsity", sparsity),
+            ("mask", mask),
+            ("points", points),
+            ("curvature", curvature),
+            ("distortion", distortion),
+            ("far", far),
+            ("hidden", hidden),
+        ]
+    }
+
     /// Whether they are numbers.
     #[must_use]
     pub fn is_finite(&self) -> bool {
@@ -229,37 +262,18 @@ pub fn loss(
         add(part, weights.semantic, |losses| &mut losses.mask);
     }
     if schedule.mask_weight > 0.0 {
-        let (targets, trust) = batch.labels.iter().map(|l| l.target()).unzip();
-        // The visible share, not the object's own opacity: what stands before it hides it. The
-        // offset keeps a gradient where the matte is 1 and should be 0.
-        let hidden = matte.clone().neg().add_scalar(1.001).log();
-        let part = mask_loss(
-            matte.clone(),
-            hidden,
-            list(targets, device),
-            Some(list(trust, device)),
-        );
+        let targets = batch.labels.iter().map(|l| l.target());
+        let part = mask_loss_of(&matte, targets);
         add(part, schedule.mask_weight, |losses| &mut losses.mask);
     }
     let mask_trust = known.mask_trust;
     if weights.mask_trusted > 0.0 && mask_trust.iter().any(|trust| *trust > 0.0) {
-        let (targets, trust) = batch
-            .votes
-            .iter()
-            .zip(mask_trust)
-            .map(|(vote, trust)| {
-                vote.map_or((0.0, 0.0), |vote| {
-                    (f32::from(u8::from(vote.object)), *trust)
-                })
+        let targets = batch.votes.iter().zip(mask_trust).map(|(vote, trust)| {
+            vote.map_or((0.0, 0.0), |vote| {
+                (f32::from(u8::from(vote.object)), *trust)
             })
-            .unzip();
-        let hidden = matte.clone().neg().add_scalar(1.001).log();
-        let part = mask_loss(
-            matte.clone(),
-            hidden,
-            list(targets, device),
-            Some(list(trust, device)),
-        );
+        });
+        let part = mask_loss_of(&matte, targets);
         add(part, weights.mask_trusted, |losses| &mut losses.mask);
     }
     if weights.hidden > 0.0 && config.model.blend == Blend::Sample {
@@ -315,6 +329,22 @@ pub fn loss(
     }
     ledger.note(&total, |losses| &mut losses.total);
     Some((total, ledger))
+}
+
+/// The mask loss of mattes `[rays]`, each with what it should be and how much that counts.
+///
+/// Of the visible share, not of the object's own opacity: what stands before it hides it.
+fn mask_loss_of(matte: &Tensor<1>, wanted: impl Iterator<Item = (f32, f32)>) -> Tensor<1> {
+    let device = matte.device();
+    let (targets, trust) = wanted.unzip();
+    // The offset keeps a gradient where the matte is 1 and should be 0.
+    let hidden = matte.clone().neg().add_scalar(1.0 + OPACITY_OFFSET).log();
+    mask_loss(
+        matte.clone(),
+        hidden,
+        list(targets, &device),
+        Some(list(trust, &device)),
+    )
 }
 
 /// The normals' lengths in rows of samples, `[m]`.
