@@ -1,16 +1,13 @@
 //! Where parts of a scene hang together by thin bridges.
 //!
 //! Surfaces that were learnt for a few minutes have streaks between things and crumbs around them, so that an object
-//! may be one part with its neighbours, up to the region's border. With a layer of voxels taken off all around, streaks
+//! may be one part with its neighbours, up to the region's border. With layers of voxels taken off all around, streaks
 //! are gone and what is massive is left: cores. Every voxel belongs to the core that it is nearest to through the part
 //! (opening by reconstruction, Vincent 1993, with several markers).
 
 use std::collections::VecDeque;
 
 use super::parts::neighbours;
-
-/// Voxels that are taken off all around: what hangs together by less than five is not massive.
-const DEPTH: usize = 2;
 
 /// Connected sets of voxels `inside`, by faces, edges or corners: the number of each voxel's set, from 1 on, and how many
 /// there are. 0 is none.
@@ -38,13 +35,15 @@ pub(super) fn components(inside: &[bool], resolution: usize) -> (Vec<u32>, u32) 
 
 /// For each voxel that is `of_part`, the number of the core it belongs to, from 1 on, and how many cores there are; 0 for
 /// other voxels, and where no core is reached. `solid` is what may be massive: the part, and what nobody saw within it.
+/// Cores are what is left with `layers` of voxels taken off.
 pub(super) fn cores(
     solid: &[bool],
     of_part: impl Fn(usize) -> bool,
     resolution: usize,
+    layers: usize,
 ) -> (Vec<u32>, u32) {
     let mut massive = solid.to_vec();
-    for _ in 0..DEPTH {
+    for _ in 0..layers {
         massive = eroded(&massive, resolution);
     }
     let (mut labels, count) = components(&massive, resolution);
@@ -113,7 +112,7 @@ mod tests {
         let (streak, handle) = ([[9, 15], [4, 6], [4, 6]], [[4, 6], [9, 15], [4, 6]]);
         let solid = boxes(&[left, right, streak, handle]);
         assert_eq!(components(&solid, N).1, 1);
-        let (labels, count) = cores(&solid, |cell| solid[cell], N);
+        let (labels, count) = cores(&solid, |cell| solid[cell], N, 2);
         assert_eq!(count, 2);
         let (a, b) = (labels[at(5, 5, 5)], labels[at(18, 5, 5)]);
         assert!(a != 0 && b != 0 && a != b);
@@ -126,9 +125,9 @@ mod tests {
     #[test]
     fn what_goes_on_beyond_the_border_is_massive_there() {
         let slab = boxes(&[[[0, 4], [0, N], [0, N]]]);
-        let (labels, count) = cores(&slab, |cell| slab[cell], N);
+        let (labels, count) = cores(&slab, |cell| slab[cell], N, 2);
         assert_eq!(count, 1);
         assert!((0..slab.len()).all(|cell| (labels[cell] == 1) == slab[cell]));
-        assert_eq!(cores(&vec![false; N * N * N], |_| true, N).1, 0);
+        assert_eq!(cores(&vec![false; N * N * N], |_| true, N, 1).1, 0);
     }
 }

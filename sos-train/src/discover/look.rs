@@ -26,6 +26,10 @@ const RAYS: usize = 1_500_000;
 const STRIDE: u32 = 2;
 /// How much of what was found must be found again for it to be the same.
 const SAME: f32 = 0.5;
+/// How much of what is central about it one of its cores must have to be the object.
+const CORE_SHARE: f32 = 0.5;
+/// Layers of voxels that are taken off at most to find cores.
+const MOST_LAYERS: usize = 4;
 
 /// What was found in a region.
 pub(super) struct Look {
@@ -35,8 +39,8 @@ pub(super) struct Look {
     pub(super) depths: Vec<DepthPicture>,
     /// The object.
     pub(super) chosen: PartSet,
-    /// How many parts there are.
-    pub(super) parts: usize,
+    /// What it was chosen from.
+    pub(super) parts: Parts,
     /// Whether there was a ground to be taken away.
     pub(super) has_ground: bool,
 }
@@ -85,7 +89,7 @@ impl Look {
             data,
             depths,
             chosen,
-            parts: parts.count(),
+            parts,
             has_ground: ground.is_some(),
         }))
     }
@@ -96,6 +100,17 @@ impl Look {
             Hint::Box(_) => None,
             _ => self.chosen.goes_on(),
         }
+    }
+
+    /// The object as a core of what was found, if that hangs together with what lies beyond the region by bridges
+    /// that are thinner than it: streaks of what was learnt in a short time, or things that touch.
+    pub(super) fn parted(&self, hint: &Hint) -> Option<PartSet> {
+        let least = CORE_SHARE * self.chosen.central();
+        (1..=MOST_LAYERS).find_map(|layers| {
+            let split = self.parts.split(&self.chosen, layers);
+            let core = hint.choose(&split, &self.data, &self.depths).ok()?;
+            (core.goes_on().is_none() && core.central() >= least).then_some(core)
+        })
     }
 
     /// Whether this is the same object, and less of it lies beyond the region.

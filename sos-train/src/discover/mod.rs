@@ -4,7 +4,8 @@
 //! region of interest ([`region`]) for a while; its depths, fused, are solid shapes; the plane that
 //! things stand on is taken away ([`plane`]); and of the parts that remain, the object is the one in
 //! the middle, or the one that a hint points at ([`parts`]). Where it goes on beyond the region, a larger
-//! one is looked at in the same way. Every view's pixels that show this part
+//! one is looked at in the same way; where that is of no use, it is parted from what hangs on it by thin bridges
+//! (`cores.rs`). Every view's pixels that show this part
 //! are its rough mask ([`masks`]), and from there on a run is like any other.
 //!
 //! The whole of it is open point 5 of the method, which leaves the choice of the surface to the reader.
@@ -98,6 +99,11 @@ pub fn find_object(
             "so it did in each of {MOST_LOOKS} ever larger ones"
         ));
     }
+    let parted = stays.is_some().then(|| look.parted(hint)).flatten();
+    let is_parted = parted.is_some();
+    if let Some(core) = parted {
+        look.chosen = core;
+    }
     let Look {
         data,
         depths,
@@ -117,7 +123,7 @@ pub fn find_object(
         "no masks: {} taken for the object, one of {} parts in the box around ({:.3}, {:.3}, {:.3}) \
          of side {:.3}, {}; found_masks/ shows it",
         hint.reason(),
-        look.parts,
+        look.parts.count(),
         data.frame.centre.x,
         data.frame.centre.y,
         data.frame.centre.z,
@@ -128,7 +134,13 @@ pub fn find_object(
             "where no ground was found"
         },
     )];
-    if let Some(why) = stays {
+    if is_parted {
+        notes.push(
+            "what was found went on beyond that box by thin bridges alone, and was parted there; give all of \
+             it with --box if it is cut off"
+                .to_owned(),
+        );
+    } else if let Some(why) = stays {
         notes.push(format!(
             "the object goes on beyond that box, and is cut off there: {why}; give all of it with --box"
         ));

@@ -20,8 +20,6 @@ const SIDE_SHARE: f32 = 0.1;
 const CRUMB: f32 = 0.002;
 /// Parts this close to the chosen one's bounds belong to it, in the normalised frame.
 const REACH: f32 = 0.04;
-/// How much of what is central about a part that goes on beyond the region one of its cores must have to be the object.
-const CORE_SHARE: f32 = 0.5;
 /// Voxels of the smallest part worth a thought.
 const LEAST_VOXELS: usize = 40;
 
@@ -83,6 +81,11 @@ impl PartSet {
         border as f32 / points.len().max(1) as f32
     }
 
+    /// The sum of how central its voxels are.
+    pub(super) fn central(&self) -> f32 {
+        self.points().into_iter().map(central).sum()
+    }
+
     /// Along which axes it goes on beyond the region: 1 or -1 where it does on one side, 0 where it does not or
     /// on both; `None` where it ends within.
     pub(super) fn goes_on(&self) -> Option<Vec3> {
@@ -101,6 +104,11 @@ impl PartSet {
         };
         Some(Vec3::new(side(0), side(1), side(2)))
     }
+}
+
+/// How central a point of the normalised frame is, 0..1.
+fn central(point: Vec3) -> f32 {
+    (-0.5 * point.length_squared() / (CENTRAL * CENTRAL)).exp()
 }
 
 /// Whether a point of the normalised frame lies at the region's border.
@@ -150,7 +158,7 @@ impl Parts {
             let part = &mut parts[label as usize];
             part.voxels += 1;
             part.border += usize::from(at_border(p));
-            part.central += (-0.5 * p.length_squared() / (CENTRAL * CENTRAL)).exp();
+            part.central += central(p);
             part.low = part.low.min(p);
             part.high = part.high.max(p);
         }
@@ -162,13 +170,20 @@ impl Parts {
         }
     }
 
-    /// The same with part `number` fallen apart into its cores, which come after all other parts.
-    fn split(&self, number: usize) -> Self {
-        let of_part = |cell: usize| self.labels[cell] as usize == number;
-        let (cores, count) = cores(&self.solid, of_part, self.resolution);
+    /// The same with the parts in `set` fallen apart into their [`cores`], of which `layers` of voxels were taken off.
+    #[must_use]
+    pub(super) fn split(&self, set: &PartSet, layers: usize) -> Self {
+        let of_set = |cell: usize| set.inside[cell] && self.labels[cell] != 0;
+        let (cores, count) = cores(&self.solid, of_set, self.resolution, layers);
         let first = self.parts.len() as u32 - 1;
-        let labels = self.labels.iter().zip(cores);
-        let labels = labels.map(|(label, core)| if core == 0 { *label } else { first + core });
+        let labels = self
+            .labels
+            .iter()
+            .zip(cores)
+            .map(|(label, core)| match core {
+                0 => *label,
+                core => first + core,
+            });
         Self::of_labels(
             self.resolution,
             self.solid.clone(),
@@ -186,30 +201,14 @@ impl Parts {
             .count()
     }
 
-    /// The largest part near the middle that ends within the region. Where the largest goes on beyond it, a core that does
-    /// not and has most of what is central about it.
+    /// The largest part near the middle that ends within the region.
     #[must_use]
     pub fn most_central(&self) -> Option<PartSet> {
-        let whole = self.best(1)?;
-        if self.parts[whole].is_cut() {
-            let split = self.split(whole);
-            let core = split.best(self.parts.len()).filter(|&core| {
-                let least = CORE_SHARE * self.parts[whole].central;
-                !split.parts[core].is_cut() && split.parts[core].central >= least
-            });
-            if let Some(core) = core {
-                return Some(split.with_neighbours(&[core]));
-            }
-        }
-        Some(self.with_neighbours(&[whole]))
-    }
-
-    /// The number of the most central part, from part `first` on.
-    fn best(&self, first: usize) -> Option<usize> {
         let score = |part: &Part| part.central * if part.is_cut() { CUT_OFF } else { 1.0 };
-        (first..self.parts.len())
+        (1..self.parts.len())
             .filter(|&i| self.parts[i].voxels >= LEAST_VOXELS)
             .max_by(|&a, &b| score(&self.parts[a]).total_cmp(&score(&self.parts[b])))
+            .map(|chosen| self.with_neighbours(&[chosen]))
     }
 
     /// All parts but crumbs.
@@ -221,25 +220,9 @@ impl Parts {
         (!chosen.is_empty()).then(|| self.set(&chosen))
     }
 
-    /// The part nearest to `point`, within a few voxels; its core there, where that ends within the region and the part
-    /// does not.
+    /// The part nearest to `point`, within a few voxels.
     #[must_use]
     pub fn at(&self, point: Vec3) -> Option<PartSet> {
-        let whole = self.nearest(point)?;
-        if self.parts[whole].is_cut() {
-            let split = self.split(whole);
-            let core = split
-                .nearest(point)
-                .filter(|&core| !split.parts[core].is_cut());
-            if let Some(core) = core {
-                return Some(split.with_neighbours(&[core]));
-            }
-        }
-        Some(self.with_neighbours(&[whole]))
-    }
-
-    /// The number of the part nearest to `point`, within a few voxels.
-    fn nearest(&self, point: Vec3) -> Option<usize> {
         let n = self.resolution;
         let near = 3.0 * 2.0 / n as f32;
         let mut best: Option<(f32, u32)> = None;
@@ -252,7 +235,7 @@ impl Parts {
                 best = Some((distance, label));
             }
         }
-        best.map(|(_, label)| label as usize)
+        best.map(|(_, label)| self.with_neighbours(&[label as usize]))
     }
 
     /// The parts of which at least the share `least` of what one view shows is `inside` its mask.
@@ -390,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn what_hangs_together_with_something_beyond_the_region_is_found_alone() {
+    fn what_hangs_together_with_something_beyond_the_region_can_be_parted() {
         let (central, beyond) = (Vec3::new(-0.15, 0.0, 0.0), Vec3::new(0.85, 0.1, 0.0));
         let on_central = central - Vec3::X * 0.27;
         let mut solid = shells(&[(central, 0.3), (beyond, 0.35)]);
@@ -403,14 +386,15 @@ mod tests {
         }
         let parts = Parts::new(&solid, N, None);
         assert_eq!(parts.count(), 1);
-        let found = parts.most_central().unwrap();
+        let both = parts.most_central().unwrap();
+        assert!(both.contains(on_central) && both.goes_on().is_some());
+        let split = parts.split(&both, 2);
+        let found = split.most_central().unwrap();
         assert!(found.contains(on_central) && !found.contains(beyond - Vec3::X * 0.33));
         assert_eq!(found.goes_on(), None);
-        let clicked = parts.at(on_central).unwrap();
+        assert!(found.central() > 0.5 * both.central());
+        let clicked = split.at(on_central).unwrap();
         assert!(clicked.contains(on_central) && clicked.goes_on().is_none());
-        // What is massive itself where it goes on is not cut up.
-        let other = parts.at(beyond - Vec3::X * 0.33).unwrap();
-        assert!(other.contains(on_central) && other.goes_on().is_some());
     }
 
     #[test]
