@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 pub enum Preset {
     /// A first look in a few minutes.
     Quick,
-    /// What measures best within half an hour on two CPU cores.
+    /// What measures best within ten minutes on two CPU cores.
     #[default]
     Default,
     /// The numbers of the paper; meant for a GPU.
