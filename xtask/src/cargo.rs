@@ -71,7 +71,10 @@ impl Workspace {
     }
 
     /// The command line of a task that is one command, with the user's arguments.
-    pub(crate) fn run(&self, task: Task, arguments: Vec<OsString>) -> CommandLine {
+    ///
+    /// # Errors
+    /// With what to say to the user, when tests are asked for on a device that has none.
+    pub(crate) fn run(&self, task: Task, arguments: Vec<OsString>) -> Result<CommandLine, String> {
         if task == Task::Test
             && let Some((device, rest)) = taken_device(&arguments)
         {
@@ -113,19 +116,33 @@ impl Workspace {
             // So that hints can be pasted: `cargo xtask train --resume`.
             command.environment.push(("SOS_INVOKED_AS", "cargo xtask"));
         }
-        command
+        Ok(command)
     }
 }
 
+/// Features of the tests' package that name what GPUs are reached through.
+const GPU_FEATURES: [&str; 4] = ["wgpu", "vulkan", "metal", "cuda"];
+/// Names of the CPU, whose tests are the workspace's.
+const CPU_NAMES: [&str; 3] = ["cpu", "flex", "ndarray"];
+
 impl Workspace {
-    /// The ops' tests on a device, which fail where they would be skipped.
-    fn test_on(&self, device: &str, rest: Vec<OsString>) -> CommandLine {
+    /// The ops' tests on a device, which fail where they would be skipped; on the CPU all tests.
+    fn test_on(&self, device: &str, rest: Vec<OsString>) -> Result<CommandLine, String> {
+        if CPU_NAMES.contains(&device) {
+            return self.run(Task::Test, rest);
+        }
+        if !GPU_FEATURES.contains(&device) {
+            return Err(format!(
+                "`cargo xtask test --device {device}`: choose one of {}, or cpu for all tests but those of GPUs",
+                GPU_FEATURES.join(", ")
+            ));
+        }
         let mut command = self
             .cargo("test", &["--release", "--package", "sos-tests"])
             .with_all(["--features", device, "--test", "gpu_parity"])
             .with_all(rest);
         command.environment.push(("SOS_REQUIRE_GPU", "1"));
-        command
+        Ok(command)
     }
 }
 
@@ -177,6 +194,7 @@ fn is_short_package(text: &str) -> bool {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -188,7 +206,9 @@ mod tests {
     }
 
     fn line(task: Task, arguments: &[&str]) -> String {
-        let command = workspace().run(task, arguments.iter().map(OsString::from).collect());
+        let command = workspace()
+            .run(task, arguments.iter().map(OsString::from).collect())
+            .unwrap();
         assert_eq!(command.program, "cargo");
         let words: Vec<_> = command
             .arguments
@@ -265,11 +285,31 @@ mod tests {
             format!("{test} adam -- -q")
         );
         let arguments = ["--device", "wgpu"].map(OsString::from).to_vec();
-        let command = workspace().run(Task::Test, arguments);
+        let command = workspace().run(Task::Test, arguments).unwrap();
         assert_eq!(command.environment, [("SOS_REQUIRE_GPU", "1")]);
         assert!(line(Task::Train, &["--device", "wgpu"]).contains(" --features wgpu -- train "));
         assert!(line(Task::Bench, &["--device", "cuda"]).contains(" --features cuda -- --device"));
         assert!(!line(Task::Train, &["--device", "cpu"]).contains("features"));
+    }
+
+    #[test]
+    fn tests_on_the_cpu_are_the_workspaces_and_no_feature_is_made_up() {
+        let test = "test --manifest-path /ws/Cargo.toml --release --workspace";
+        for name in CPU_NAMES {
+            assert_eq!(line(Task::Test, &["--device", name]), test);
+        }
+        assert_eq!(
+            line(Task::Test, &["--device=cpu", "adam"]),
+            format!("{test} adam")
+        );
+        for name in ["auto", "tpu", ""] {
+            let arguments = ["--device", name].map(OsString::from).to_vec();
+            let refusal = workspace().run(Task::Test, arguments).unwrap_err();
+            assert!(
+                refusal.contains("wgpu") && refusal.contains("cpu"),
+                "{refusal}"
+            );
+        }
     }
 
     #[test]

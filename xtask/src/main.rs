@@ -34,9 +34,10 @@ fn main() -> ExitCode {
             Some(refusal) => refusal,
             None => ci(&workspace),
         },
-        Ok(Request::Run(task, arguments)) => {
-            process::become_command(workspace.run(task, arguments))
-        }
+        Ok(Request::Run(task, arguments)) => match workspace.run(task, arguments) {
+            Ok(command) => process::become_command(command),
+            Err(refusal) => usage_error(&refusal),
+        },
         Err(error) => usage_error(&format!("{error}\n\n{HELP}")),
     }
 }
@@ -47,7 +48,10 @@ fn ci(workspace: &Workspace) -> ExitCode {
     if checked != ExitCode::SUCCESS {
         return checked;
     }
-    process::become_command(workspace.run(Task::Test, Vec::new()))
+    match workspace.run(Task::Test, Vec::new()) {
+        Ok(command) => process::become_command(command),
+        Err(refusal) => usage_error(&refusal),
+    }
 }
 
 /// Tasks that run several programs have no one to pass arguments to.
