@@ -1,10 +1,11 @@
 //! What wgpu finds on this machine, with the limits that kernels meet.
 
 use std::fmt;
+use std::sync::OnceLock;
 
 use burn::tensor::{Device, DeviceKind};
 use burn_cubecl::cubecl::future::block_on;
-use burn_cubecl::cubecl::wgpu::wgpu;
+use burn_cubecl::cubecl::wgpu::{AutoGraphicsApi, wgpu};
 
 /// What sort of device computes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,17 +88,36 @@ impl Adapter {
     }
 }
 
-/// All adapters of this platform's graphics API (Vulkan, Metal or DirectX 12), the likely fastest
-/// kind first.
+/// The adapters of the graphics API that Burn's devices come up on, the likely fastest kind first.
+///
+/// That is the first in CubeCL's order (on Apple's computers Metal, elsewhere Vulkan, DirectX 12, OpenGL) through which
+/// a GPU is reached, or where none is, the first that has anything. Asked once: what is plugged in later is
+/// not listed.
 #[must_use]
 pub fn adapters() -> Vec<Adapter> {
-    let backends = if cfg!(target_vendor = "apple") {
-        wgpu::Backends::METAL
-    } else if cfg!(windows) {
-        wgpu::Backends::DX12
-    } else {
-        wgpu::Backends::VULKAN
-    };
+    static FOUND: OnceLock<Vec<Adapter>> = OnceLock::new();
+    FOUND
+        .get_or_init(|| settled(AutoGraphicsApi::chain().into_iter().map(adapters_of)))
+        .clone()
+}
+
+/// The first list with hardware, or else the first with anything.
+fn settled(lists: impl Iterator<Item = Vec<Adapter>>) -> Vec<Adapter> {
+    let mut software = Vec::new();
+    for list in lists {
+        if list.iter().any(|a| a.kind != AdapterKind::Software) {
+            return list;
+        }
+        if software.is_empty() {
+            software = list;
+        }
+    }
+    software
+}
+
+/// All adapters of a graphics API, the likely fastest kind first.
+fn adapters_of(api: wgpu::Backend) -> Vec<Adapter> {
+    let backends = wgpu::Backends::from(api);
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends,
         ..wgpu::InstanceDescriptor::new_without_display_handle()
@@ -118,7 +138,9 @@ pub fn adapters() -> Vec<Adapter> {
             api: info.backend.to_string(),
             kind,
             index: found.iter().filter(|other| other.kind == kind).count(),
-            largest_binding: limits.max_storage_buffer_binding_size,
+            largest_binding: limits
+                .max_storage_buffer_binding_size
+                .min(limits.max_buffer_size),
             shared_memory: limits.max_compute_workgroup_storage_size,
             workgroup_units: limits.max_compute_invocations_per_workgroup,
             bindings: limits.max_storage_buffers_per_shader_stage,
@@ -136,4 +158,43 @@ pub fn adapters() -> Vec<Adapter> {
     };
     found.sort_by_key(|adapter| rank(adapter.kind));
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn adapter(name: &str, kind: AdapterKind) -> Adapter {
+        Adapter {
+            name: name.to_owned(),
+            driver: String::new(),
+            api: String::new(),
+            kind,
+            index: 0,
+            largest_binding: 1 << 27,
+            shared_memory: 1 << 14,
+            workgroup_units: 256,
+            bindings: 8,
+            float_atomics: true,
+        }
+    }
+
+    #[test]
+    fn a_graphics_api_with_software_alone_is_passed_over_for_one_with_a_gpu() {
+        let software = |name| vec![adapter(name, AdapterKind::Software)];
+        let gpu = vec![
+            adapter("card", AdapterKind::Discrete),
+            adapter("its software", AdapterKind::Software),
+        ];
+        let first = |lists: Vec<Vec<Adapter>>| {
+            let taken = settled(lists.into_iter());
+            taken.first().map(|adapter| adapter.name.clone())
+        };
+        let card = Some("card".to_owned());
+        assert_eq!(first(vec![gpu.clone(), software("b")]), card);
+        assert_eq!(first(vec![software("a"), vec![], gpu]), card);
+        let a = Some("a".to_owned());
+        assert_eq!(first(vec![vec![], software("a"), software("b")]), a);
+        assert_eq!(first(vec![vec![], vec![]]), None);
+    }
 }
