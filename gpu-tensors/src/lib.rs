@@ -34,7 +34,7 @@ pub use adapters::{Adapter, AdapterKind, adapters};
 #[cfg(feature = "cube")]
 pub use atomic::{AtomicSum, CompareAndSwap, NativeSum, has_native_sum};
 #[cfg(feature = "cube")]
-pub use burn_cubecl::{cubecl, tensor::CubeTensor};
+pub use burn_cubecl::{CubeDevice, cubecl, tensor::CubeTensor};
 #[cfg(feature = "cube")]
 pub use dense::{Packed, WeightReads};
 #[cfg(feature = "cube")]
@@ -51,6 +51,6 @@ pub use running_sums::running_sums;
 pub use sums::column_sums;
 #[cfg(feature = "cube")]
 pub use tensor::{
-    UNITS, add, buffer, contiguous, contiguous_words, fresh, fresh_words, from_slice, own,
-    poison_fresh_memory, read, units_for, upload, zero_words, zeros,
+    UNITS, Uploaded, add, buffer, contiguous, contiguous_words, fresh, fresh_words, from_slice,
+    own, poison_fresh_memory, read, units_for, upload, zero_words, zeros,
 };

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use burn::tensor::DType;
 use burn_cubecl::cubecl::ir::{ElemType, FloatKind, IntKind};
 use burn_cubecl::cubecl::prelude::{BufferArg, CubeCount, CubeDim, CubeElement, InputScalar};
-use burn_cubecl::cubecl::{calculate_cube_count_elemwise, client::Client};
+use burn_cubecl::cubecl::{calculate_cube_count_elemwise, client::Client, server::Handle};
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::numeric;
 use burn_cubecl::tensor::CubeTensor;
@@ -171,14 +171,37 @@ pub fn buffer(tensor: &CubeTensor) -> BufferArg {
     tensor.clone().into_buffer_arg()
 }
 
-/// Numbers from the host as a kernel's argument; at least one is always there to bind.
+/// Numbers from the host in a device's memory, for any number of kernels.
+#[derive(Clone, Debug)]
+pub struct Uploaded {
+    handle: Handle,
+    count: usize,
+}
+
+impl Uploaded {
+    /// Of these values; at least one is always there to bind.
+    #[must_use]
+    pub fn new<T: CubeElement + Default>(client: &Client, values: &[T]) -> Self {
+        let one = [T::default()];
+        let values = if values.is_empty() { &one } else { values };
+        Self {
+            handle: client.create_from_slice(T::as_bytes(values)),
+            count: values.len(),
+        }
+    }
+
+    /// As a kernel's argument.
+    #[must_use]
+    pub fn argument(&self) -> BufferArg {
+        // SAFETY: the handle was made for exactly so many values.
+        unsafe { BufferArg::from_raw_parts(self.handle.clone(), self.count) }
+    }
+}
+
+/// Numbers from the host as one kernel's argument; at least one is always there to bind.
 #[must_use]
 pub fn upload<T: CubeElement + Default>(client: &Client, values: &[T]) -> BufferArg {
-    let one = [T::default()];
-    let values = if values.is_empty() { &one } else { values };
-    let handle = client.create_from_slice(T::as_bytes(values));
-    // SAFETY: the handle was made for exactly these values.
-    unsafe { BufferArg::from_raw_parts(handle, values.len()) }
+    Uploaded::new(client, values).argument()
 }
 
 /// Workgroups of [`UNITS`] threads with at least one thread for each of `items`, spread over the

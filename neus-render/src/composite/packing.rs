@@ -23,6 +23,9 @@ pub struct Packing {
     object_offsets: Vec<u32>,
     background_offsets: Vec<u32>,
     marks: Option<Marks>,
+    /// What a device has of it, so that nothing is sent there a second time for gradients.
+    #[cfg(feature = "cube")]
+    pub(super) on_device: super::cube::OnDevice,
 }
 
 /// Two constants of every sample, which compositing blends as it does colours: see
@@ -81,6 +84,8 @@ impl Packing {
             object_offsets,
             background_offsets,
             marks: None,
+            #[cfg(feature = "cube")]
+            on_device: super::cube::OnDevice::default(),
         }
     }
 
@@ -100,6 +105,10 @@ impl Packing {
             self.background.len()
         );
         self.marks = Some(marks);
+        #[cfg(feature = "cube")]
+        {
+            self.on_device = super::cube::OnDevice::default();
+        }
         self
     }
 

@@ -4,11 +4,12 @@ mod backward;
 mod forward;
 mod opacity;
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use burn::backend::{Cube, tensor::FloatTensor};
 use gpu_tensors::{
-    CubeTensor, buffer, column_sums, contiguous, cubecl, fresh, units_for, upload, zeros,
+    CubeDevice, CubeTensor, Uploaded, buffer, column_sums, contiguous, cubecl, fresh, units_for,
+    upload, zeros,
 };
 
 use super::{
@@ -37,6 +38,7 @@ impl CompositeOps for Cube {
         let client = &out.client;
         let (count, dim) = units_for(client, packing.ray_count());
         let batch = Batch::new(&packing, config, [&object, &background]);
+        let lists = packing.on_device.lists(&packing, &out);
         // SAFETY: threads beyond the rays return at once, and a packing is checked when made.
         unsafe {
             forward::forward_kernel::launch_unchecked(
@@ -46,9 +48,9 @@ impl CompositeOps for Cube {
                 rows(object),
                 rows(background),
                 buffer(&contiguous(sharpness)),
-                upload(client, &batch.index),
-                upload(client, &batch.times),
-                upload(client, &batch.marks),
+                lists.index.argument(),
+                lists.times.argument(),
+                lists.marks.argument(),
                 buffer(&out),
                 batch.starts(),
                 config.cos_anneal,
@@ -83,6 +85,7 @@ impl CompositeBackwardOps for Cube {
         if rays > 0 {
             let client = &kept.client;
             let (count, dim) = units_for(client, rays);
+            let lists = packing.on_device.lists(&packing, &kept);
             // SAFETY: as in the forward pass.
             unsafe {
                 backward::backward_kernel::launch_unchecked(
@@ -92,9 +95,9 @@ impl CompositeBackwardOps for Cube {
                     rows(object),
                     rows(background),
                     buffer(&contiguous(sharpness)),
-                    upload(client, &batch.index),
-                    upload(client, &batch.times),
-                    upload(client, &batch.marks),
+                    lists.index.argument(),
+                    lists.times.argument(),
+                    lists.marks.argument(),
                     buffer(&contiguous(grad)),
                     buffer(&kept),
                     rows(d_object.clone()),
@@ -135,14 +138,69 @@ struct Kinds {
     marked: bool,
 }
 
-/// A packing as the kernels read it.
-struct Batch {
+/// A packing's lists in a device's memory, as the kernels read them.
+#[derive(Clone, Debug)]
+struct Lists {
+    device: CubeDevice,
     /// Ray offsets, the object's and the background's offsets, then their rows' intervals.
-    index: Vec<u32>,
+    index: Uploaded,
     /// Midpoint and length of each interval.
-    times: Vec<f32>,
+    times: Uploaded,
     /// The object's marks, then the background's; one zero where there are none.
-    marks: Vec<f32>,
+    marks: Uploaded,
+}
+
+impl Lists {
+    /// Where `like` is.
+    fn new(packing: &Packing, like: &CubeTensor) -> Self {
+        let index = [
+            packing.ray_offsets(),
+            packing.object_offsets(),
+            packing.background_offsets(),
+            packing.object(),
+            packing.background(),
+        ]
+        .concat();
+        let times = packing.t().iter().zip(packing.dt());
+        let times: Vec<f32> = times.flat_map(|(t, dt)| [*t, *dt]).collect();
+        let marks: Vec<f32> = packing.marks().map_or_else(Vec::new, |marks| {
+            let all = marks.object.iter().chain(&marks.background);
+            all.flatten().copied().collect()
+        });
+        Self {
+            device: like.device.clone(),
+            index: Uploaded::new(&like.client, &index),
+            times: Uploaded::new(&like.client, &times),
+            marks: Uploaded::new(&like.client, &marks),
+        }
+    }
+}
+
+/// A packing's lists on the device that first needed them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct OnDevice(OnceLock<Lists>);
+
+impl PartialEq for OnDevice {
+    /// Where a packing has been does not make it another.
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl OnDevice {
+    /// The lists of `packing`, which this belongs to, where `like` is.
+    fn lists(&self, packing: &Packing, like: &CubeTensor) -> Lists {
+        let lists = self.0.get_or_init(|| Lists::new(packing, like));
+        if lists.device == like.device {
+            lists.clone()
+        } else {
+            Lists::new(packing, like)
+        }
+    }
+}
+
+/// What the kernels need to know of a packing beside its [`Lists`].
+struct Batch {
     rays: u32,
     objects: u32,
     kinds: Kinds,
@@ -151,33 +209,11 @@ struct Batch {
 impl Batch {
     fn new(packing: &Packing, config: CompositeConfig, rows: [&CubeTensor; 2]) -> Self {
         let [object_width, background_width] = rows.map(|rows| rows.meta.shape()[1]);
-        let marks = match packing.marks() {
-            Some(marks) if !packing.t().is_empty() => {
-                let all = marks.object.iter().chain(&marks.background);
-                all.flatten().copied().collect()
-            }
-            _ => vec![0.0],
-        };
         let kind = |transparency| Kind {
             density: transparency == Transparency::Density,
             epsilon: config.epsilon != 0.0,
         };
         Self {
-            index: [
-                packing.ray_offsets(),
-                packing.object_offsets(),
-                packing.background_offsets(),
-                packing.object(),
-                packing.background(),
-            ]
-            .concat(),
-            times: packing
-                .t()
-                .iter()
-                .zip(packing.dt())
-                .flat_map(|(t, dt)| [*t, *dt])
-                .collect(),
-            marks,
             rays: packing.ray_count() as u32,
             objects: packing.object().len() as u32,
             kinds: Kinds {
@@ -196,7 +232,7 @@ impl Batch {
     }
 }
 
-/// What a kernel needs to find its way in [`Batch::index`].
+/// What a kernel needs to find its way in [`Lists::index`].
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 struct Starts {
     rays: u32,
