@@ -66,6 +66,18 @@ pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
     }
 }
 
+/// What to say besides the device that was taken when `asked` for: that `auto` had the CPU alone to take
+/// in this build, and which builds have more.
+#[must_use]
+pub fn remark(asked: &str) -> &'static str {
+    if asked == "auto" && !cfg!(any(feature = "wgpu", feature = "cuda")) {
+        "; this build has no GPU kernels: the feature `wgpu`, or `cargo xtask train --device wgpu`, makes \
+         one that has"
+    } else {
+        ""
+    }
+}
+
 fn cpu(backend: &str, device: Device) -> ChosenDevice {
     ChosenDevice {
         device,
@@ -160,6 +172,17 @@ mod tests {
             "{}",
             chosen.name
         );
+    }
+
+    #[test]
+    fn auto_says_when_the_build_leaves_it_no_choice() {
+        if cfg!(any(feature = "wgpu", feature = "cuda")) {
+            assert_eq!(remark("auto"), "");
+        } else {
+            assert!(remark("auto").contains("cargo xtask train --device wgpu"));
+        }
+        // Who names a device needs no other.
+        assert_eq!(remark("cpu"), "");
     }
 
     #[test]

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::Trainer;
 use super::sampler::Sampler;
 use crate::config::TrainConfig;
+use crate::device;
 use crate::discover::{Hint, find_object};
 use crate::doctor::admission::{Admission, admit};
 use crate::export::{LogRecord, TrainLog, read_log, write_found_mask, write_mesh, write_view};
@@ -81,7 +82,8 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         progress.note(note);
     }
     let mut trainer = Trainer::new(&job.config, &data)?;
-    progress.note(&format!("computing on {}", trainer.device_name()));
+    let remark = device::remark(&job.config.device);
+    progress.note(&format!("computing on {}{remark}", trainer.device_name()));
     let mut earlier_seconds = 0.0;
     if job.resume {
         earlier_seconds = trainer.load(&job.run)?;
