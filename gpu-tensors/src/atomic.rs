@@ -3,6 +3,8 @@
 // What the macros generate has no documentation of its own.
 #![allow(missing_docs)]
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::client::Client;
 use burn_cubecl::cubecl::ir::Type;
@@ -50,9 +52,21 @@ impl AtomicSum for CompareAndSwap {
     }
 }
 
+/// Whether [`has_native_sum`] says no whatever the device has.
+static REFUSED: AtomicBool = AtomicBool::new(false);
+
+/// Has [`has_native_sum`] say no from now on, in the whole process, so that ops add as they do on devices
+/// without the instruction. For tests.
+pub fn refuse_native_sums(on: bool) {
+    REFUSED.store(on, Ordering::Relaxed);
+}
+
 /// Whether the device adds `f32` atomically by itself.
 #[must_use]
 pub fn has_native_sum(client: &Client) -> bool {
+    if REFUSED.load(Ordering::Relaxed) {
+        return false;
+    }
     let word = Type::atomic(f32::elem_type_native());
     client
         .properties()

@@ -32,7 +32,7 @@ mod tensor;
 #[cfg(feature = "wgpu")]
 pub use adapters::{Adapter, AdapterKind, adapters};
 #[cfg(feature = "cube")]
-pub use atomic::{AtomicSum, CompareAndSwap, NativeSum, has_native_sum};
+pub use atomic::{AtomicSum, CompareAndSwap, NativeSum, has_native_sum, refuse_native_sums};
 #[cfg(feature = "cube")]
 pub use burn_cubecl::{CubeDevice, cubecl, tensor::CubeTensor};
 #[cfg(feature = "cube")]

@@ -6,7 +6,7 @@ use burn::tensor::Device;
 use hashgrid::{GridConfig, GridLayout, HashGrid, LazyAdam, SparseGrad};
 use scene_decomp::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, sdf_field};
 
-use crate::support::{Random, VALUE, assert_close, gpu, numbers, tensor};
+use crate::support::{Random, VALUE, assert_close, assert_same_numbers, gpu, numbers, tensor};
 
 fn config() -> GridConfig {
     GridConfig {
@@ -143,5 +143,93 @@ fn the_state_moves_between_devices() {
         let [m, v] = other.adam.moments();
         assert_close("first", &wide(m), &wide(first.clone()), VALUE);
         assert_close("second", &wide(v), &wide(second.clone()), VALUE);
+    }
+}
+
+/// A grid whose gradient is given entry by entry, after steps on both devices: the table, its moments.
+fn steps_with(
+    config: &GridConfig,
+    device: &Device,
+    steps: u32,
+    gradient_of: impl Fn(u32, usize) -> f32 + Sync,
+) -> [Vec<f64>; 3] {
+    let mut grid = HashGrid::new(config, 1, device);
+    let layout = grid.layout().clone();
+    let (gradient, mut adam) = (SparseGrad::new(&layout), LazyAdam::new(&layout));
+    for step in 0..steps {
+        gradient.accumulate_levels(&layout, layout.levels.len(), |level, values| {
+            let first = 2 * layout.levels[level].offset;
+            for (i, value) in values.iter_mut().enumerate() {
+                *value += gradient_of(step, first + i);
+            }
+        });
+        adam.step_grid(&mut grid, &gradient, 1e-2);
+        assert_eq!(gradient.touched_blocks(), 0, "used up");
+    }
+    let [first, second] = adam.moments();
+    [numbers(grid.table.val()), wide(first), wide(second)]
+}
+
+const PARTS: [&str; 3] = ["table", "first moment", "second moment"];
+
+/// Neither a value nor its neighbour in the same entry or block may suffer from one that is no number.
+#[test]
+fn a_gradient_that_is_no_number_stays_where_it_is() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let gradient = |step: u32, i: usize| match i {
+        37 if step == 1 => f32::NAN,
+        // Hit always, at times, never.
+        _ if i % 3 == 0 || (i / 64) % 4 == step as usize => ((i * 7 % 23) as f32 - 11.5) * 1e-3,
+        _ => 0.0,
+    };
+    let found = steps_with(&config(), &gpu, 4, gradient);
+    let expected = steps_with(&config(), &Device::flex(), 4, gradient);
+    for ((part, found), expected) in PARTS.iter().zip(&found).zip(&expected) {
+        assert_eq!(expected.iter().filter(|v| v.is_nan()).count(), 1, "{part}");
+        assert_same_numbers(part, found, expected, VALUE);
+    }
+}
+
+/// Steps count where nothing was hit, and leave the table alone.
+#[test]
+fn steps_without_a_gradient_change_nothing_but_the_moments_age() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let never = |_: u32, _: usize| 0.0;
+    let found = steps_with(&config(), &gpu, 3, never);
+    let untouched = HashGrid::new(&config(), 1, &gpu);
+    assert_eq!(found[0], numbers(untouched.table.val()));
+    assert!(found[1..].iter().flatten().all(|value| *value == 0.0));
+    // In between as well.
+    let at_times = |step: u32, i: usize| if step == 1 { 0.0 } else { (i % 5) as f32 };
+    let found = steps_with(&config(), &gpu, 3, at_times);
+    let expected = steps_with(&config(), &Device::flex(), 3, at_times);
+    for ((part, found), expected) in PARTS.iter().zip(&found).zip(&expected) {
+        assert_close(part, found, expected, VALUE);
+    }
+}
+
+/// A thread takes an entry, a workgroup 64 of them.
+#[test]
+fn a_table_may_need_more_workgroups_than_an_axis_holds() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let config = GridConfig {
+        levels: 2,
+        base_resolution: 16,
+        finest_resolution: 512,
+        log2_table_size: 22,
+        ..GridConfig::default()
+    };
+    assert!(GridLayout::new(&config).entries() > 65_535 * 64);
+    let gradient = |step: u32, i: usize| ((i * 7 + step as usize) % 23) as f32 - 11.0;
+    let found = steps_with(&config, &gpu, 2, gradient);
+    let expected = steps_with(&config, &Device::flex(), 2, gradient);
+    for ((part, found), expected) in PARTS.iter().zip(&found).zip(&expected) {
+        assert_close(part, found, expected, VALUE);
     }
 }

@@ -5,7 +5,10 @@ use scene_decomp::colour_field::{
     ColourFieldInputs, ColourFieldWeights, Reading, RowConfig, colour_field, reference, sample_rows,
 };
 
-use crate::support::{GRADIENT, Random, VALUE, assert_close, gpu, numbers, oracle, tensor};
+use crate::support::{
+    GRADIENT, Random, VALUE, assert_columns_close, assert_equal_but_for_row, gpu, numbers, oracle,
+    tensor,
+};
 
 const HIDDEN: usize = 64;
 const COLUMNS: usize = 19;
@@ -18,6 +21,8 @@ struct Case {
     outputs: usize,
     /// Rows for compositing, with stretched densities or without; colours where none.
     rows: Option<(RowConfig, usize)>,
+    /// A point whose geometry is no number.
+    spoilt: Option<usize>,
 }
 
 impl Case {
@@ -27,6 +32,18 @@ impl Case {
             extra,
             outputs,
             rows: None,
+            spoilt: None,
+        }
+    }
+
+    /// Of what [`run`] returns by that name.
+    fn columns(&self, name: &str) -> usize {
+        match name {
+            "value" => self.outputs + if self.rows.is_some() { 3 } else { 0 },
+            "geometry" => COLUMNS,
+            "w1" => 6 + COLUMNS + self.extra,
+            "w2" | "w3" => HIDDEN,
+            _ => 1,
         }
     }
 
@@ -63,8 +80,12 @@ fn run(device: &Device, case: Case, kernel: bool) -> Vec<Vec<f64>> {
     let (w1, b1) = layer(HIDDEN, inputs);
     let (w2, b2) = layer(HIDDEN, HIDDEN);
     let (w3, b3) = layer(outputs, HIDDEN);
+    let mut geometry = scaled(n * COLUMNS, 1.0);
+    if let Some(row) = case.spoilt {
+        geometry[row * COLUMNS + 5] = f32::NAN;
+    }
+    let geometry = tensor(&geometry, [n, COLUMNS], device).require_grad();
     let mut matrix = |columns: usize| tensor(&scaled(n * columns, 1.0), [n, columns], device);
-    let geometry = matrix(COLUMNS).require_grad();
     let at = ColourFieldInputs {
         geometry: geometry.clone(),
         points: matrix(3),
@@ -125,7 +146,29 @@ fn values_and_gradients_are_the_references() {
         for ((name, found), expected) in NAMES.iter().zip(&found).zip(&expected) {
             let tolerance = if *name == "value" { VALUE } else { GRADIENT };
             let what = format!("{name}, {case:?}");
-            assert_close(&what, found, expected, tolerance);
+            let columns = case.columns(name);
+            assert_columns_close(&what, found, expected, columns, tolerance);
+        }
+    }
+}
+
+/// A point that is no number spoils what comes of it, forward and backward, and no other point's.
+#[test]
+fn a_point_that_is_no_number_spoils_its_own_row_alone() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let clean = Case::colours(130, 1, 3);
+    for clean in [clean, clean.rows(Reading::Distance, 0.25, 0)] {
+        let row = 70;
+        let spoilt = Case {
+            spoilt: Some(row),
+            ..clean
+        };
+        let (found, without) = (run(&gpu, spoilt, true), run(&gpu, clean, true));
+        for (i, name) in ["value", "geometry"].iter().enumerate() {
+            let columns = clean.columns(name);
+            assert_equal_but_for_row(name, &found[i], &without[i], columns, row);
         }
     }
 }

@@ -8,8 +8,11 @@ use neus_render::composite::{
     composite_reference, object_column,
 };
 
-use crate::support::{GRADIENT, Random, VALUE, assert_close, gpu, numbers, oracle, tensor};
+use crate::support::{
+    GRADIENT, Random, VALUE, assert_close, assert_columns_close, gpu, numbers, oracle, tensor,
+};
 
+#[derive(Clone)]
 struct Scene {
     packing: Packing,
     object: Vec<f32>,
@@ -103,6 +106,14 @@ fn run(scene: &Scene, config: CompositeConfig, device: &Device, kernel: bool) ->
     ]
 }
 
+/// What [`run`] returns, and columns of each.
+const PARTS: [(&str, usize); 4] = [
+    ("pixels", column::COUNT),
+    ("object", object_column::COUNT + 1),
+    ("background", background_column::COUNT + 1),
+    ("sharpness", 1),
+];
+
 fn configs() -> [CompositeConfig; 6] {
     let base = CompositeConfig::default();
     [
@@ -141,11 +152,11 @@ fn pixels_and_gradients_are_the_references() {
         for config in configs() {
             let found = run(&scene, config, &gpu, true);
             let expected = run(&scene, config, &oracle(), false);
-            let names = ["pixels", "object", "background", "sharpness"];
-            for ((name, found), expected) in names.iter().zip(&found).zip(&expected) {
+            let parts = PARTS.iter().zip(&found).zip(&expected);
+            for (((name, columns), found), expected) in parts {
                 let tolerance = if *name == "pixels" { VALUE } else { GRADIENT };
                 let what = format!("{name}, {rays} rays, {config:?}");
-                assert_close(&what, found, expected, tolerance);
+                assert_columns_close(&what, found, expected, *columns, tolerance);
             }
         }
     }
@@ -198,5 +209,39 @@ fn opaque_samples_have_finite_gradients() {
     for (found, expected) in found.iter().zip(&expected) {
         assert!(found.iter().all(|value| value.is_finite()));
         assert_close("a wall", found, expected, GRADIENT);
+    }
+}
+
+/// A sample that is no number spoils its ray: neither other pixels nor other rays' gradients.
+#[test]
+fn a_sample_that_is_no_number_spoils_its_own_ray_alone() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let clean = scene(130);
+    let ray = 70;
+    let rows_of = |offsets: &[u32]| offsets[ray] as usize..offsets[ray + 1] as usize;
+    let objects = rows_of(clean.packing.object_offsets());
+    let backgrounds = rows_of(clean.packing.background_offsets());
+    assert!(objects.len() > 2 && !backgrounds.is_empty());
+    let mut spoilt = clean.clone();
+    let at = (objects.start + 1) * object_column::COUNT;
+    spoilt.object[at + object_column::SDF] = f32::NAN;
+    for config in configs() {
+        let (found, without) = (
+            run(&spoilt, config, &gpu, true),
+            run(&clean, config, &gpu, true),
+        );
+        let of_ray = [ray..ray + 1, objects.clone(), backgrounds.clone()];
+        for (i, rows) in of_ray.into_iter().enumerate() {
+            let (name, columns) = PARTS[i];
+            let others = |values: &[f64]| -> Vec<f64> {
+                let (before, after) = (columns * rows.start, columns * rows.end);
+                [&values[..before], &values[after..]].concat()
+            };
+            let (found, without) = (others(&found[i]), others(&without[i]));
+            assert!(found.iter().all(|value| value.is_finite()), "{name}");
+            assert!(found == without, "{name}, {config:?}");
+        }
     }
 }

@@ -8,7 +8,10 @@ use hashgrid::{
     GridConfig, GridLayout, Interpolation, TableReads, encode, encode_with_jacobian, reference,
 };
 
-use crate::support::{GRADIENT, Random, VALUE, assert_close, gpu, halved, numbers, oracle, tensor};
+use crate::support::{
+    GRADIENT, Random, VALUE, WithoutNativeSums, assert_close, assert_columns_close, gpu, halved,
+    numbers, oracle, tensor,
+};
 
 fn layout(interpolation: Interpolation) -> Arc<GridLayout> {
     layout_read(interpolation, TableReads::Single)
@@ -41,14 +44,14 @@ fn points(n: usize) -> Vec<f32> {
     values
 }
 
-/// Everything that the ops return and what comes back through them, in order.
+/// Everything that the ops return and what comes back through them, in order, with its columns and tolerance.
 fn run(
     device: &Device,
     layout: &Arc<GridLayout>,
     n: usize,
     active: usize,
     kernel: bool,
-) -> Vec<(&'static str, Vec<f64>, f64)> {
+) -> Vec<(&'static str, Vec<f64>, usize, f64)> {
     let device = &device.clone().autodiff();
     let features = layout.features();
     let mut random = Random(99);
@@ -72,10 +75,11 @@ fn run(
     let p = p.require_grad();
     let op = if kernel { encode } else { reference::encode };
     let h = op(p.clone(), t.clone(), layout, active);
-    let mut out = vec![("value", numbers(h.clone()), VALUE)];
+    let mut out = vec![("value", numbers(h.clone()), features, VALUE)];
     let grads = (h * dh.clone()).sum().backward();
-    out.push(("table by value", numbers(t.grad(&grads).unwrap()), GRADIENT));
-    out.push(("points", numbers(p.grad(&grads).unwrap()), GRADIENT));
+    let table = numbers(t.grad(&grads).unwrap());
+    out.push(("table by value", table, 2, GRADIENT));
+    out.push(("points", numbers(p.grad(&grads).unwrap()), 3, GRADIENT));
 
     let (p, t) = leaves();
     let op: fn(Tensor<2>, Tensor<2>, &Arc<GridLayout>, usize) -> (Tensor<2>, Tensor<3>) = if kernel
@@ -85,10 +89,11 @@ fn run(
         reference::encode_with_jacobian
     };
     let (h, j) = op(p, t.clone(), layout, active);
-    out.push(("value with Jacobian", numbers(h.clone()), VALUE));
-    out.push(("Jacobian", numbers(j.clone()), VALUE));
+    out.push(("value with Jacobian", numbers(h.clone()), features, VALUE));
+    out.push(("Jacobian", numbers(j.clone()), 3 * features, VALUE));
     let grads = ((h * dh).sum() + (j * dj).sum()).backward();
-    out.push(("table by both", numbers(t.grad(&grads).unwrap()), GRADIENT));
+    let table = numbers(t.grad(&grads).unwrap());
+    out.push(("table by both", table, 2, GRADIENT));
     out
 }
 
@@ -107,12 +112,29 @@ fn values_and_gradients_are_the_references() {
         for (n, active) in [(1, 6), (65, 4), (1000, 6)] {
             let found = run(&gpu, &layout, n, active, true);
             let expected = run(&oracle(), &layout, n, active, false);
-            for ((what, found, tolerance), (_, expected, _)) in found.iter().zip(&expected) {
+            for ((what, found, columns, tolerance), (_, expected, ..)) in
+                found.iter().zip(&expected)
+            {
                 let what =
                     format!("{what}, {n} points, {active} levels, {interpolation:?}, {reads:?}");
-                assert_close(&what, found, expected, *tolerance);
+                assert_columns_close(&what, found, expected, *columns, *tolerance);
             }
         }
+    }
+}
+
+/// Where a device has no instruction to add to an `f32` that others add to as well.
+#[test]
+fn gradients_are_the_same_by_compare_and_swap() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let _without = WithoutNativeSums::new();
+    let layout = layout(Interpolation::Linear);
+    let found = run(&gpu, &layout, 300, 6, true);
+    let expected = run(&oracle(), &layout, 300, 6, false);
+    for ((what, found, columns, tolerance), (_, expected, ..)) in found.iter().zip(&expected) {
+        assert_columns_close(what, found, expected, *columns, *tolerance);
     }
 }
 
@@ -236,4 +258,30 @@ fn a_batch_may_need_more_workgroups_than_an_axis_holds() {
     for (i, chunk) in many.chunks(1200).enumerate() {
         assert!(chunk == &few[..chunk.len()], "rows from {}", 100 * i);
     }
+}
+
+/// The same on the way back: every point counts, none twice.
+#[test]
+fn gradients_of_a_batch_may_need_more_workgroups_than_an_axis_holds() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let layout = layout(Interpolation::Linear);
+    let times = 7000;
+    let few = points(100);
+    assert!(times * 100 * layout.levels.len() > 65_535 * 64);
+    let device = gpu.autodiff();
+    let features = layout.features();
+    let upstream = Random(6).list(100 * features);
+    let gradient = |times: usize| {
+        let many = |values: &[f32]| values.repeat(times);
+        let table = vec![1.0; 2 * layout.entries()];
+        let table = tensor(&table, [layout.entries(), 2], &device).require_grad();
+        let points = tensor(&many(&few), [100 * times, 3], &device);
+        let upstream = tensor(&many(&upstream), [100 * times, features], &device);
+        let h = encode(points, table.clone(), &layout, layout.levels.len());
+        numbers(table.grad(&(h * upstream).sum().backward()).unwrap())
+    };
+    let expected: Vec<f64> = gradient(1).iter().map(|g| g * times as f64).collect();
+    assert_close("table", &gradient(times), &expected, GRADIENT);
 }

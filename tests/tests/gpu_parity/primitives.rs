@@ -10,7 +10,7 @@ use gpu_tensors::{
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use cubecl::prelude::*;
 
-use crate::support::{Random, assert_close, gpu, tensor};
+use crate::support::{Random, WithoutNativeSums, assert_close, gpu, native_sums, tensor};
 
 /// A tensor of the device under test, as kernels see it.
 fn on_gpu(values: &[f32], shape: [usize; 2]) -> Option<CubeTensor> {
@@ -60,9 +60,19 @@ fn many_threads_add_to_one_number() {
     let adders = 30_000;
     let expected = vec![0.5 * adders as f32 / 3.0; 3];
     assert_eq!(add_many::<CompareAndSwap>(&like, adders), expected);
+    let _switch = native_sums();
     if has_native_sum(&like.client) {
         assert_eq!(add_many::<NativeSum>(&like, adders), expected);
     }
+}
+
+#[test]
+fn ops_can_be_kept_from_the_devices_own_sums() {
+    let Some(like) = on_gpu(&[0.0], [1, 1]) else {
+        return;
+    };
+    let _without = WithoutNativeSums::new();
+    assert!(!has_native_sum(&like.client));
 }
 
 /// More than 65535 workgroups: the grid's first axis is too short for them.

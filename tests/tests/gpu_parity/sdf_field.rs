@@ -6,10 +6,15 @@ use burn::tensor::Device;
 use hashgrid::{GridConfig, GridLayout, SparseGrad, TableReads};
 use scene_decomp::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, reference, sdf_field};
 
-use crate::support::{GRADIENT, Random, VALUE, assert_close, gpu, halved, numbers, oracle, tensor};
+use crate::support::{
+    GRADIENT, Random, VALUE, WithoutNativeSums, assert_columns_close, assert_equal_but_for_row,
+    assert_same_numbers, gpu, halved, numbers, oracle, tensor,
+};
 
 const HIDDEN: usize = 64;
 const OUTPUTS: usize = 16;
+/// Outputs and the normal.
+const COLUMNS: usize = OUTPUTS + 3;
 
 struct Case {
     n: usize,
@@ -65,9 +70,24 @@ impl Case {
 
     /// The value, then the gradients of table, w1, b1, w2 and b2.
     fn run(&self, device: &Device, kernel: bool, sparse: Option<SparseGrad>) -> Vec<Vec<f64>> {
+        self.run_at(
+            &Random(11).coordinates(3 * self.n, 2.0),
+            device,
+            kernel,
+            sparse,
+        )
+    }
+
+    fn run_at(
+        &self,
+        points: &[f32],
+        device: &Device,
+        kernel: bool,
+        sparse: Option<SparseGrad>,
+    ) -> Vec<Vec<f64>> {
         let device = &device.clone().autodiff();
-        let (n, columns) = (self.n, OUTPUTS + 3);
-        let points = tensor(&Random(11).coordinates(3 * n, 2.0), [n, 3], device);
+        let (n, columns) = (self.n, COLUMNS);
+        let points = tensor(points, [n, 3], device);
         let weights = self.weights(device, !kernel);
         let config = self.config(sparse.clone());
         let op = if kernel {
@@ -96,14 +116,21 @@ impl Case {
     }
 
     fn check(&self, found: &[Vec<f64>], expected: &[Vec<f64>]) {
-        let names = ["value", "table", "w1", "b1", "w2", "b2"];
-        for ((name, found), expected) in names.iter().zip(found).zip(expected) {
+        let parts = [
+            ("value", COLUMNS),
+            ("table", 2),
+            ("w1", 3 + 2 * self.levels),
+            ("b1", 1),
+            ("w2", HIDDEN),
+            ("b2", 1),
+        ];
+        for (((name, columns), found), expected) in parts.iter().zip(found).zip(expected) {
             let what = format!(
                 "{name}, {} points, {} of {} levels, {:?}, {:?}",
                 self.n, self.active, self.levels, self.normal, self.reads
             );
             let tolerance = if *name == "value" { VALUE } else { GRADIENT };
-            assert_close(&what, found, expected, tolerance);
+            assert_columns_close(&what, found, expected, *columns, tolerance);
         }
     }
 }
@@ -136,6 +163,18 @@ fn values_and_gradients_are_the_references() {
         let found = case.run(&gpu, true, None);
         case.check(&found, &case.run(&oracle(), false, None));
     }
+}
+
+/// Where a device has no instruction to add to an `f32` that others add to as well.
+#[test]
+fn gradients_are_the_same_by_compare_and_swap() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let _without = WithoutNativeSums::new();
+    let [_, _, case, ..] = cases();
+    let found = case.run(&gpu, true, None);
+    case.check(&found, &case.run(&oracle(), false, None));
 }
 
 #[test]
@@ -187,4 +226,30 @@ fn no_points_give_no_rows_and_zero_gradients() {
     for gradient in &found[1..] {
         assert!(!gradient.is_empty() && gradient.iter().all(|value| *value == 0.0));
     }
+}
+
+/// A point that is no number has a row that is none. No other row knows of it, nor do entries of the table
+/// in other cells.
+#[test]
+fn a_point_that_is_no_number_spoils_its_own_row_alone() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let [_, _, case, ..] = cases();
+    let row = 70;
+    let clean = Random(11).coordinates(3 * case.n, 2.0);
+    let mut points = clean.clone();
+    points[3 * row + 1] = f32::NAN;
+    let found = case.run_at(&points, &gpu, true, None);
+    let without = case.run_at(&clean, &gpu, true, None);
+    assert_equal_but_for_row("value", &found[0], &without[0], COLUMNS, row);
+    assert!(
+        found[0][COLUMNS * row..COLUMNS * (row + 1)]
+            .iter()
+            .any(|v| v.is_nan())
+    );
+    let expected = case.run_at(&points, &Device::flex(), true, None);
+    let spoilt = found[1].iter().filter(|value| value.is_nan()).count();
+    assert!(spoilt > 0 && spoilt <= 16 * case.active, "{spoilt} values");
+    assert_same_numbers("table", &found[1], &expected[1], GRADIENT);
 }

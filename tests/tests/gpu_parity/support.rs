@@ -3,53 +3,102 @@
 // Upstream marks burn-ndarray deprecated in favour of Flex; this workspace supports both.
 #![allow(deprecated)]
 
-use std::sync::OnceLock;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use burn::tensor::{Device, FloatDType, Tensor, TensorData};
+
+use crate::say;
 
 /// What values of an op may differ by, as a part of the largest.
 pub(crate) const VALUE: f64 = 1e-4;
 /// The same for gradients.
 pub(crate) const GRADIENT: f64 = 1e-3;
 
+/// What the tests run on.
+#[derive(Clone)]
+pub(crate) struct UnderTest {
+    /// Without autodiff.
+    pub(crate) device: Device,
+    /// What the command line calls it.
+    pub(crate) option: &'static str,
+    name: String,
+}
+
 /// The device under test, without autodiff: hardware where there is some, else lavapipe.
 ///
 /// `None`, with the reason printed, where there is none at all and that is allowed.
 pub(crate) fn gpu() -> Option<Device> {
-    static DEVICE: OnceLock<Option<Device>> = OnceLock::new();
-    DEVICE
+    under_test().map(|found| found.device)
+}
+
+/// [`gpu`], and how to ask for it.
+pub(crate) fn under_test() -> Option<UnderTest> {
+    static FOUND: OnceLock<Option<UnderTest>> = OnceLock::new();
+    FOUND
         .get_or_init(|| {
             gpu_tensors::poison_fresh_memory(true);
             let found = devices().into_iter().next();
-            if let Some((name, device)) = found {
-                eprintln!("on {name}");
-                return Some(device);
+            if let Some(found) = &found {
+                say(&format!("on {}", found.name));
+                return Some(found.clone());
             }
             assert!(
                 std::env::var_os("SOS_REQUIRE_GPU").is_none(),
                 "SOS_REQUIRE_GPU is set, but this build finds no device; for wgpu, Mesa's lavapipe \
                  (package mesa-vulkan-drivers) stands in for one"
             );
-            eprintln!("skipped: this build finds no GPU");
+            say("skipped: this build finds no GPU");
             None
         })
         .clone()
 }
 
-/// The devices that this build can use, with their names; those of CUDA first.
-fn devices() -> Vec<(String, Device)> {
+/// The devices that this build can use; those of CUDA first.
+fn devices() -> Vec<UnderTest> {
     let mut devices = Vec::new();
     #[cfg(feature = "cuda")]
     for device in Device::enumerate(burn::tensor::DeviceType::Cuda).iter() {
-        devices.push(("CUDA".to_owned(), device.clone()));
+        devices.push(UnderTest {
+            device: device.clone(),
+            option: "cuda",
+            name: "CUDA".to_owned(),
+        });
     }
     #[cfg(feature = "wgpu")]
     for adapter in gpu_tensors::adapters() {
         if let Some(device) = adapter.device() {
-            devices.push((format!("{} ({})", adapter.name, adapter.kind), device));
+            devices.push(UnderTest {
+                device,
+                option: "wgpu",
+                name: format!("{} ({})", adapter.name, adapter.kind),
+            });
         }
     }
     devices
+}
+
+/// While this lives, kernels add to sums of `f32` by compare and swap, as on devices without an
+/// instruction for it. Other tests may run meanwhile: their sums are the same.
+pub(crate) struct WithoutNativeSums(#[allow(dead_code)] MutexGuard<'static, ()>);
+
+impl WithoutNativeSums {
+    pub(crate) fn new() -> Self {
+        let guard = native_sums();
+        gpu_tensors::refuse_native_sums(true);
+        Self(guard)
+    }
+}
+
+impl Drop for WithoutNativeSums {
+    fn drop(&mut self) {
+        gpu_tensors::refuse_native_sums(false);
+    }
+}
+
+/// Held while it matters how sums are added to.
+pub(crate) fn native_sums() -> MutexGuard<'static, ()> {
+    static SWITCH: Mutex<()> = Mutex::new(());
+    SWITCH.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// NdArray in double precision, for references alone.
@@ -125,14 +174,67 @@ pub(crate) fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
 /// Asserts that no value differs from the expected one by more than `tolerance` times the largest
 /// expected one.
 pub(crate) fn assert_close(what: &str, found: &[f64], expected: &[f64], tolerance: f64) {
+    assert_columns_close(what, found, expected, 1, tolerance);
+}
+
+/// [`assert_close`] for each column of a row-major matrix by itself: one of small values cannot hide
+/// behind one of large ones.
+pub(crate) fn assert_columns_close(
+    what: &str,
+    found: &[f64],
+    expected: &[f64],
+    columns: usize,
+    tolerance: f64,
+) {
     assert_eq!(found.len(), expected.len(), "{what}: number of values");
-    let largest = expected.iter().fold(0.0f64, |most, v| most.max(v.abs()));
-    let scale = if largest > 0.0 { largest } else { 1.0 };
+    assert_eq!(expected.len() % columns, 0, "{what}: columns");
+    let mut scales = vec![0.0f64; columns];
+    for row in expected.chunks_exact(columns) {
+        for (scale, value) in scales.iter_mut().zip(row) {
+            *scale = scale.max(value.abs());
+        }
+    }
     for (i, (f, e)) in found.iter().zip(expected).enumerate() {
+        let largest = scales[i % columns];
+        let scale = if largest > 0.0 { largest } else { 1.0 };
         let error = (f - e).abs() / scale;
         assert!(
             error <= tolerance,
-            "{what}[{i}]: {f} instead of {e}, an error of {error:.1e} of the largest, {largest}"
+            "{what}[{}, {}]: {f} instead of {e}, an error of {error:.1e} of the largest, {largest}",
+            i / columns,
+            i % columns
+        );
+    }
+}
+
+/// Asserts that what is no number is none in both, and that the rest is close.
+pub(crate) fn assert_same_numbers(what: &str, found: &[f64], expected: &[f64], tolerance: f64) {
+    let numbers = |from: &[f64], by: &[f64]| -> Vec<f64> {
+        let both = from.iter().zip(by).filter(|(_, by)| !by.is_nan());
+        both.map(|(value, _)| *value).collect()
+    };
+    for (i, (f, e)) in found.iter().zip(expected).enumerate() {
+        assert_eq!(f.is_nan(), e.is_nan(), "{what}[{i}]: {f} instead of {e}");
+    }
+    let (found, expected) = (numbers(found, expected), numbers(expected, expected));
+    assert_close(what, &found, &expected, tolerance);
+}
+
+/// Asserts that two row-major matrices have the same bits in all rows but one, and numbers alone.
+pub(crate) fn assert_equal_but_for_row(
+    what: &str,
+    found: &[f64],
+    expected: &[f64],
+    columns: usize,
+    row: usize,
+) {
+    assert_eq!(found.len(), expected.len(), "{what}: number of values");
+    for (i, (f, e)) in found.iter().zip(expected).enumerate() {
+        let is_same = f == e && f.is_finite();
+        assert!(
+            is_same || i / columns == row,
+            "{what}: {f} instead of {e} in row {}, though only row {row} is no number",
+            i / columns
         );
     }
 }
