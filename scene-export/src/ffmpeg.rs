@@ -286,13 +286,18 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn what_ffmpeg_says_is_the_reason() {
-        use std::os::unix::fs::PermissionsExt as _;
         let dir = tempfile::tempdir().unwrap();
         let program = dir.path().join("ffmpeg");
         let script = "#!/bin/sh\ncase \"$*\" in *-encoders*) echo ' V....D libx264  H.264'; exit 0;; esac\n\
                       echo 'first' >&2; echo 'no space left' >&2; exit 1\n";
-        std::fs::write(&program, script).unwrap();
-        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let written = dir.path().join("ffmpeg.sh");
+        std::fs::write(&written, script).unwrap();
+        // By another process: what is open for writing here, other tests' programs inherit, and it is busy then.
+        let install = Command::new("install")
+            .args(["-m", "755"])
+            .args([&written, &program])
+            .status();
+        assert!(install.unwrap().success());
         let ffmpeg = Ffmpeg::at(&program).unwrap();
         assert!(ffmpeg.can(Codec::Mp4Grey) && !ffmpeg.can(Codec::ProRes4444));
         let begin = |codec| ffmpeg.begin(&dir.path().join("a.mp4"), (2, 2), 12, codec);

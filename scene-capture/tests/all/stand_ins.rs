@@ -4,8 +4,8 @@ use image::{Rgb, RgbImage};
 use io_colmap::{Camera, CameraModel, Model, Pose, View};
 use scene_capture::{Colmap, Ffmpeg, Progress, Tools, Watch};
 use std::fs;
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -67,9 +67,15 @@ impl Workshop {
     }
 
     pub(crate) fn script(&self, name: &str, text: &str) -> PathBuf {
-        let path = self.path(name);
-        fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
-        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+        let (path, written) = (self.path(name), self.path(&format!("{name}.sh")));
+        fs::write(&written, format!("#!/bin/sh\n{text}\n")).unwrap();
+        // Another process opens it for writing: from this one a program that another test starts just then inherits
+        // the open file, and as long as it has it, the script is busy.
+        let install = Command::new("install")
+            .args(["-m", "755"])
+            .args([&written, &path])
+            .status();
+        assert!(install.unwrap().success());
         path
     }
 
