@@ -8,7 +8,7 @@
 //! - `phases.rs`: where a step's time goes;
 //! - `pictures.rs`: a finished run's mattes and plates;
 //! - `on_device.rs`: ops and steps on a GPU against what it does at best;
-//! - `predict.rs`: the least time of that step on a device that is not at hand;
+//! - `predict.rs`: the least time of that step on a device that is not at hand, and of training with it;
 //! - `torch.rs`, `torch_step.py`: the same step in PyTorch;
 //! - `report.rs`: all of it as a table or as JSON.
 
@@ -64,8 +64,9 @@ struct Options {
     /// Steps of the default preset; 0 leaves them out.
     #[arg(long, default_value_t = 400, value_name = "N")]
     default_steps: u32,
-    /// Measure nothing: say what a device of these rates could reach at best, as in 67000,4800.
-    #[arg(long, value_name = "GFLOPS,GBS")]
+    /// Measure nothing: say what a device of these rates could reach at best, as in 67000,4800, and with the cores
+    /// of the processor beside it, as in 67000,4800,16, how fast it would train.
+    #[arg(long, value_name = "GFLOPS,GBS[,CORES]")]
     predict: Option<Rates>,
     /// Measure only this: how long the pictures of a finished run take.
     #[arg(long, value_name = "RUN", conflicts_with = "predict")]
