@@ -139,7 +139,8 @@ impl Workspace {
         }
         let mut command = self
             .cargo("test", &["--release", "--package", "sos-tests"])
-            .with_all(["--features", device, "--test", "gpu_parity"])
+            .with_all(["--package", "gpu-tensors", "--features", device])
+            .with_all(["--test", "gpu_parity", "--lib"])
             .with_all(rest);
         command.environment.push(("SOS_REQUIRE_GPU", "1"));
         Ok(command)
@@ -278,7 +279,7 @@ mod tests {
     #[test]
     fn a_device_chooses_its_tests_and_its_build() {
         let test = "test --manifest-path /ws/Cargo.toml --release --package sos-tests \
-                    --features wgpu --test gpu_parity";
+                    --package gpu-tensors --features wgpu --test gpu_parity --lib";
         assert_eq!(line(Task::Test, &["--device", "wgpu"]), test);
         assert_eq!(
             line(Task::Test, &["--device=wgpu", "adam", "--", "-q"]),

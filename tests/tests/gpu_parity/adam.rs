@@ -181,7 +181,9 @@ fn a_gradient_that_is_no_number_stays_where_it_is() {
     let gradient = |step: u32, i: usize| match i {
         37 if step == 1 => f32::NAN,
         // Hit always, at times, never.
-        _ if i % 3 == 0 || (i / 64) % 4 == step as usize => ((i * 7 % 23) as f32 - 11.5) * 1e-3,
+        _ if i.is_multiple_of(3) || (i / 64) % 4 == step as usize => {
+            ((i * 7 % 23) as f32 - 11.5) * 1e-3
+        }
         _ => 0.0,
     };
     let found = steps_with(&config(), &gpu, 4, gradient);
