@@ -230,6 +230,7 @@ impl Run {
 
 /// The name under which a photo's pictures lie in a run: without its ending, and without parts that
 /// would lead elsewhere.
+#[must_use]
 pub fn key_of(photo: &str) -> String {
     // COLMAP models made on Windows have backslashes.
     let clean = photo.replace('\\', "/");
@@ -261,7 +262,8 @@ fn repeated(root: &Path) -> String {
 }
 
 /// A path that can be pasted into a shell.
-fn quoted(path: &Path) -> String {
+#[must_use]
+pub fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
     if text
         .chars()

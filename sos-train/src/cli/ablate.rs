@@ -3,7 +3,7 @@
 use super::answer::Voice;
 use super::hull::{write_hull, write_masks};
 use super::input::{Plan, mask_source};
-use super::train::{quoted, train_run, whole_seconds};
+use super::train::{train_run, whole_seconds};
 use super::{AblateArgs, SettingArgs, TrainArgs, complain, program};
 use crate::ablation::{Ablation, DECISIONS, Kind, RIVALS, Row, Scored, Start, TABLE, Trial};
 use crate::config::RunRecord;
@@ -12,6 +12,7 @@ use crate::report::comparison_page;
 use crate::run_folder::{RunError, RunFolder, write_whole};
 use anyhow::Context as _;
 use io_colmap::{MaskSet, Scene};
+use scene_export::quoted;
 use scene_import::MaskSource;
 use sos_eval::{Contender, compare_contenders, mattes_by_view};
 use std::fs;

@@ -3,7 +3,7 @@
 use super::answer::Voice;
 use super::import::{Imported, free_scene_dir, write_into_run};
 use super::input::{Plan, owns_scene};
-use super::train::{folder, quoted};
+use super::train::folder;
 use super::{CaptureArgs, TrainArgs, program};
 use crate::error::InputError;
 use crate::export::check_names;
@@ -11,6 +11,7 @@ use crate::progress::{self, AtInterrupt, Progress, watch_interrupt};
 use crate::run_folder::{RunError, RunFolder};
 use anyhow::Context as _;
 use scene_capture::{CaptureOptions, Existing, RECORD, Source, Stage, Tools, Watch};
+use scene_export::quoted;
 use scene_import::MaskSource;
 use serde_json::json;
 use std::path::Path;

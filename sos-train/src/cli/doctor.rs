@@ -18,6 +18,7 @@ use scene_doctor::{
     Consensus, Cost, Drawing, Files, Masks, Missing, Status, cost, examine, page,
     photos_without_pose,
 };
+use scene_export::quoted;
 use scene_import::{MaskOptions, MaskSource, detect};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -87,7 +88,7 @@ impl Patient {
                 format!(
                     "make a scene of it first: {} capture {} --out FOLDER",
                     whole_program(),
-                    super::train::quoted(&args.scene)
+                    quoted(&args.scene)
                 ),
             )
             .into());
@@ -258,16 +259,16 @@ fn measure(
 
 /// How to go on, with what was said about masks and object.
 fn train_command(args: &DoctorArgs) -> String {
-    let mut words = format!("{} train {}", program(), super::train::quoted(&args.scene));
+    let mut words = format!("{} train {}", program(), quoted(&args.scene));
     let mut add = |option: &str, value: String| words.push_str(&format!(" {option} {value}"));
     if let Some(preset) = args.preset.filter(|preset| *preset != Preset::Default) {
         add("--preset", preset.to_string());
     }
     if let Some(masks) = &args.masks {
-        add("--masks", super::train::quoted(masks));
+        add("--masks", quoted(masks));
     }
     if let Some(ignore) = &args.ignore {
-        add("--ignore", super::train::quoted(ignore));
+        add("--ignore", quoted(ignore));
     }
     if let Some(label) = args.label {
         add("--label", label.to_string());

@@ -2,12 +2,13 @@
 
 use super::answer::Voice;
 use super::input::{Plan, coarse_masks_hint, mask_source, owns_scene};
-use super::train::{folder, quoted};
+use super::train::folder;
 use super::{ImportArgs, TrainArgs, program};
 use crate::error::InputError;
 use crate::export::check_names;
 use crate::progress::Progress;
 use crate::run_folder::RunFolder;
+use scene_export::quoted;
 use scene_import::{Detected, Format, MaskOptions, MaskSource, detect, read};
 use serde_json::json;
 use std::io::Write as _;

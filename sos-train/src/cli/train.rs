@@ -16,6 +16,7 @@ use crate::prepare::view::find_ignored;
 use crate::progress::{AtInterrupt, Progress, watch_interrupt};
 use crate::run_folder::{Existing, RunError, RunFolder};
 use io_colmap::{MaskSet, Scene};
+use scene_export::quoted;
 use serde::Serialize;
 use serde_json::{Map, Value};
 use std::io::Write as _;
@@ -396,17 +397,4 @@ fn finish(run: &RunFolder, demo: bool, screen: &Progress) -> anyhow::Result<()> 
         metrics.write(run)?;
     }
     evaluate::make_report(run, None)
-}
-
-/// A path that can be pasted into a shell.
-pub(super) fn quoted(path: &Path) -> String {
-    let text = path.display().to_string();
-    if text
-        .chars()
-        .all(|c| c.is_alphanumeric() || "/\\._-:~+,@".contains(c))
-    {
-        text
-    } else {
-        format!("'{}'", text.replace('\'', "'\\''"))
-    }
 }
