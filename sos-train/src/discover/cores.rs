@@ -2,7 +2,7 @@
 //!
 //! Surfaces that were learnt for a few minutes have streaks between things and crumbs around them, so that an object
 //! may be one part with its neighbours, up to the region's border. With layers of voxels taken off all around, streaks
-//! are gone and what is massive is left: cores. Every voxel belongs to the core that it is nearest to through the part
+//! are gone and what is massive is left: cores. Every voxel belongs to the core that it is nearest to through what is solid
 //! (opening by reconstruction, Vincent 1993, with several markers).
 
 use std::collections::VecDeque;
@@ -34,8 +34,8 @@ pub(super) fn components(inside: &[bool], resolution: usize) -> (Vec<u32>, u32) 
 }
 
 /// For each voxel that is `of_part`, the number of the core it belongs to, from 1 on, and how many cores there are; 0 for
-/// other voxels, and where no core is reached. `solid` is what may be massive: the part, and what nobody saw within it.
-/// Cores are what is left with `layers` of voxels taken off.
+/// other voxels, and where no core is reached. `solid` is what may be massive: all parts, and what nobody saw
+/// within them. Cores are what is left of it with `layers` of voxels taken off.
 pub(super) fn cores(
     solid: &[bool],
     of_part: impl Fn(usize) -> bool,

@@ -99,11 +99,17 @@ pub fn find_object(
             "so it did in each of {MOST_LOOKS} ever larger ones"
         ));
     }
-    let parted = stays.is_some().then(|| look.parted(hint)).flatten();
-    let is_parted = parted.is_some();
-    if let Some(core) = parted {
-        look.chosen = core;
-    }
+    let cut = stays.map(|why| match look.parted(hint) {
+        Some(core) => {
+            look.chosen = core;
+            "what was found went on beyond that box by thin bridges alone, and was parted there; give all of \
+             it with --box if it is cut off"
+                .to_owned()
+        }
+        None => format!(
+            "the object goes on beyond that box, and is cut off there: {why}; give all of it with --box"
+        ),
+    });
     let Look {
         data,
         depths,
@@ -134,17 +140,7 @@ pub fn find_object(
             "where no ground was found"
         },
     )];
-    if is_parted {
-        notes.push(
-            "what was found went on beyond that box by thin bridges alone, and was parted there; give all of \
-             it with --box if it is cut off"
-                .to_owned(),
-        );
-    } else if let Some(why) = stays {
-        notes.push(format!(
-            "the object goes on beyond that box, and is cut off there: {why}; give all of it with --box"
-        ));
-    }
+    notes.extend(cut);
     Ok(Some(Discovery { masks, notes }))
 }
 
