@@ -35,3 +35,12 @@ pub enum DemoError {
     #[error("{0} already exists and is not empty; choose a folder that does not exist yet")]
     Occupied(PathBuf),
 }
+
+impl From<draft_folder::DraftError> for DemoError {
+    fn from(error: draft_folder::DraftError) -> Self {
+        Self::Write {
+            path: error.path,
+            source: error.source,
+        }
+    }
+}

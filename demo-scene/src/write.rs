@@ -2,8 +2,9 @@
 
 use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use draft_folder::Draft;
 use image::{DynamicImage, ImageFormat};
 use rayon::prelude::*;
 
@@ -45,22 +46,9 @@ impl DemoScene {
     /// [`DemoError::Occupied`] when `dir` holds something; otherwise what the file system says.
     pub fn write(&self, dir: &Path) -> Result<(), DemoError> {
         check_vacant(dir)?;
-        match fs::remove_dir(dir) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                return Err(failed(dir)(error));
-            }
-            _ => {}
-        }
-        let partial = sibling(dir);
-        fs::create_dir_all(&partial).map_err(failed(&partial))?;
-        let done = self
-            .write_into(&partial)
-            .and_then(|()| fs::rename(&partial, dir).map_err(failed(dir)));
-        if done.is_err() {
-            // The first error is the one worth reporting.
-            let _ = fs::remove_dir_all(&partial);
-        }
-        done
+        let draft = Draft::beside(dir)?;
+        self.write_into(draft.path())?;
+        Ok(draft.finish()?)
     }
 
     fn write_into(&self, dir: &Path) -> Result<(), DemoError> {
@@ -122,13 +110,6 @@ fn ply(mesh: &Mesh) -> Vec<u8> {
         }
     }
     bytes
-}
-
-/// A name next to `dir` that no other process uses.
-fn sibling(dir: &Path) -> PathBuf {
-    let mut name = dir.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".partial-{}", std::process::id()));
-    dir.with_file_name(name)
 }
 
 fn failed(path: &Path) -> impl FnOnce(io::Error) -> DemoError + use<> {

@@ -54,6 +54,12 @@ pub enum CaptureError {
     Colmap(#[from] ColmapError),
 }
 
+impl From<draft_folder::DraftError> for CaptureError {
+    fn from(error: draft_folder::DraftError) -> Self {
+        Self::io(error.action, &error.path, error.source)
+    }
+}
+
 impl CaptureError {
     pub(crate) fn io(action: &'static str, path: &Path, source: std::io::Error) -> Self {
         Self::Io {

@@ -9,11 +9,10 @@ use crate::photos::PhotoSet;
 use crate::source::Source;
 use crate::video::{Ffmpeg, FrameOptions};
 use crate::watch::{Progress, Stage, Watch};
+use draft_folder::Draft;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Start of the name of a scene that is being made.
-const PARTIAL: &str = ".sos-partial-";
 /// The file in a captured scene that says what was decided; also the sign that a folder is one.
 pub const RECORD: &str = "capture.txt";
 
@@ -101,22 +100,18 @@ pub fn capture(
             "leave the masks out, or capture the frames first and mask those",
         ));
     }
-    let parent = match out.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    create(parent)?;
-    let folder = partial_in(parent)?;
+    let draft = Draft::beside(out)?;
     let mut job = Job {
         source,
-        folder: folder.path(),
+        folder: draft.path(),
         tools,
         options,
         watch,
         notes: Vec::new(),
     };
     let captured = job.run()?;
-    put_in_place(folder, out)?;
+    // What may be replaced was said before anything was done.
+    draft.replace()?;
     Ok(captured)
 }
 
@@ -146,43 +141,6 @@ fn check_place(out: &Path, existing: Existing) -> Result<(), CaptureError> {
 
 fn create(folder: &Path) -> Result<(), CaptureError> {
     fs::create_dir_all(folder).map_err(|e| CaptureError::io("create", folder, e))
-}
-
-fn partial_in(parent: &Path) -> Result<tempfile::TempDir, CaptureError> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(PARTIAL);
-    #[cfg(unix)]
-    {
-        // As for any new folder: what the user's umask leaves of it, not the private 0700.
-        use std::os::unix::fs::PermissionsExt as _;
-        builder.permissions(fs::Permissions::from_mode(0o777));
-    }
-    builder
-        .tempdir_in(parent)
-        .map_err(|e| CaptureError::io("write", parent, e))
-}
-
-fn put_in_place(folder: tempfile::TempDir, out: &Path) -> Result<(), CaptureError> {
-    let failed = |e| CaptureError::io("create", out, e);
-    let old = folder.path().with_extension("old");
-    // An empty folder gives way as it is.
-    let replaced = fs::remove_dir(out).is_err() && out.exists();
-    if replaced {
-        fs::rename(out, &old).map_err(failed)?;
-    }
-    if let Err(error) = fs::rename(folder.path(), out) {
-        if replaced {
-            // As it was; the error that is on its way says why.
-            let _ = fs::rename(&old, out);
-        }
-        return Err(failed(error));
-    }
-    // There is nothing left to remove at the old name.
-    let _ = folder.keep();
-    if replaced {
-        fs::remove_dir_all(&old).map_err(|e| CaptureError::io("remove", &old, e))?;
-    }
-    Ok(())
 }
 
 /// One capture, in a folder that is not yet where it will be.

@@ -1,13 +1,10 @@
 //! A folder that appears when it is complete.
 
 use crate::error::ExportError;
+use draft_folder::Draft as Folder;
 use std::fs;
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
-use tempfile::TempDir;
-
-/// Start of the names of folders that are being written.
-const PARTIAL: &str = ".sos-partial-";
 
 /// The file in every folder written here; what lacks it is somebody else's and is never replaced.
 pub const RECORD: &str = "export.txt";
@@ -25,8 +22,7 @@ pub enum Existing {
 /// A folder in the making, beside its place. It is gone if it is dropped before it is finished.
 #[derive(Debug)]
 pub struct Draft {
-    folder: TempDir,
-    out: PathBuf,
+    folder: Folder,
 }
 
 impl Draft {
@@ -64,26 +60,8 @@ impl Draft {
             }
             Err(error) => return Err(ExportError::io("list", out, error)),
         }
-        let parent = match out.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
-        fs::create_dir_all(parent).map_err(|e| ExportError::io("create", parent, e))?;
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(PARTIAL);
-        #[cfg(unix)]
-        {
-            // As for any new folder: what the user's umask leaves of it, not the private 0700.
-            use std::os::unix::fs::PermissionsExt as _;
-            builder.permissions(fs::Permissions::from_mode(0o777));
-        }
-        let folder = builder
-            .tempdir_in(parent)
-            .map_err(|e| ExportError::io("write", parent, e))?;
-        Ok(Self {
-            folder,
-            out: out.to_path_buf(),
-        })
+        let folder = Folder::beside(out)?;
+        Ok(Self { folder })
     }
 
     /// The folder to write into.
@@ -115,7 +93,7 @@ impl Draft {
             fill(&mut out)?;
             out.flush()
         };
-        write().map_err(|e| ExportError::io("write", &self.out.join(name), e))
+        write().map_err(|e| ExportError::io("write", &self.folder.place().join(name), e))
     }
 
     /// Puts the folder in its place, with a record of what is in it as `export.txt`.
@@ -124,28 +102,6 @@ impl Draft {
     /// [`ExportError::Io`].
     pub fn finish(self, record: &str) -> Result<(), ExportError> {
         self.write(RECORD, |out| out.write_all(record.as_bytes()))?;
-        let out = &self.out;
-        let fail = |e| ExportError::io("create", out, e);
-        // Takes the place of an empty folder too, where the system allows it.
-        let _ = fs::remove_dir(out);
-        let old = out
-            .exists()
-            .then(|| self.folder.path().with_extension("old"));
-        if let Some(old) = &old {
-            fs::rename(out, old).map_err(fail)?;
-        }
-        if let Err(error) = fs::rename(self.folder.path(), out) {
-            if let Some(old) = &old {
-                // The error that is on its way says more than one from going back.
-                let _ = fs::rename(old, out);
-            }
-            return Err(fail(error));
-        }
-        // There is nothing left to remove at the temporary name.
-        let _ = self.folder.keep();
-        match old {
-            Some(old) => fs::remove_dir_all(&old).map_err(|e| ExportError::io("remove", &old, e)),
-            None => Ok(()),
-        }
+        Ok(self.folder.replace()?)
     }
 }

@@ -34,6 +34,12 @@ pub enum ImportError {
     Colmap(#[from] ColmapError),
 }
 
+impl From<draft_folder::DraftError> for ImportError {
+    fn from(error: draft_folder::DraftError) -> Self {
+        Self::io(error.action, &error.path, error.source)
+    }
+}
+
 impl ImportError {
     pub(crate) fn io(action: &'static str, path: &Path, source: std::io::Error) -> Self {
         Self::Io {

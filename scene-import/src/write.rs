@@ -4,13 +4,11 @@ use crate::alpha;
 use crate::error::ImportError;
 use crate::gather::Imported;
 use crate::masks::{Chosen, MaskOptions, mask_path, save};
+use draft_folder::Draft;
 use io_colmap::{Model, PhotoHeader, Scene, picture_error, read_photo};
 use rayon::prelude::*;
 use std::fs;
 use std::path::{Path, PathBuf};
-
-/// Start of the name of a scene that is being written.
-const PARTIAL: &str = ".sos-partial-";
 
 /// What was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -42,28 +40,9 @@ impl Imported {
                 "name a folder that is empty or does not exist",
             ));
         }
-        let parent = match out.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
-        fs::create_dir_all(parent).map_err(|e| ImportError::io("create", parent, e))?;
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(PARTIAL);
-        #[cfg(unix)]
-        {
-            // As for any new folder: what the user's umask leaves of it, not the private 0700.
-            use std::os::unix::fs::PermissionsExt as _;
-            builder.permissions(fs::Permissions::from_mode(0o777));
-        }
-        let folder = builder
-            .tempdir_in(parent)
-            .map_err(|e| ImportError::io("write", parent, e))?;
-        let written = self.fill(folder.path(), masks, &chosen)?;
-        // Takes the place of an empty folder too, where the system allows it.
-        let _ = fs::remove_dir(out);
-        fs::rename(folder.path(), out).map_err(|e| ImportError::io("create", out, e))?;
-        // There is nothing left to remove at the old name.
-        let _ = folder.keep();
+        let draft = Draft::beside(out)?;
+        let written = self.fill(draft.path(), masks, &chosen)?;
+        draft.finish()?;
         Ok(written)
     }
 

@@ -11,14 +11,13 @@ use crate::matching::{list_pictures, match_views};
 use crate::picture::{Mask, RgbPlane, Sized2d, assert_same_size, read_alpha, read_rgb};
 use crate::report::MASK_THRESHOLD;
 use crate::splitmix::SplitMix64;
+use draft_folder::Draft;
 use image::GrayImage;
 use rayon::prelude::*;
 use std::path::Path;
 
 /// Colour distance, in 0..=1 per channel, that makes a step of a growing region ten times as long.
 const COLOUR_STEP: f32 = 0.02;
-/// Start of the name of a folder that is being written.
-const PARTIAL: &str = ".sos-partial-";
 
 /// What is wrong with masks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -155,22 +154,7 @@ pub fn degrade_folder(
         path: path.to_owned(),
         reason,
     };
-    let parent = out
-        .parent()
-        .filter(|parent| !parent.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    std::fs::create_dir_all(parent).map_err(|e| failed(parent, e.to_string()))?;
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(PARTIAL);
-    #[cfg(unix)]
-    {
-        // As for any new folder: what the user's umask leaves of it, not the private 0700.
-        use std::os::unix::fs::PermissionsExt as _;
-        builder.permissions(std::fs::Permissions::from_mode(0o777));
-    }
-    let fresh = builder
-        .tempdir_in(parent)
-        .map_err(|e| failed(parent, e.to_string()))?;
+    let draft = Draft::beside(out)?;
     let views: Vec<_> = truth.iter().enumerate().collect();
     let written = views.par_iter().map(|&(index, (name, path))| {
         let matte = read_alpha(path)?;
@@ -190,18 +174,14 @@ pub fn degrade_folder(
         let Some(mask) = degrade(&mask, &photo, fault, share, index, seed) else {
             return Ok(0);
         };
-        let target = fresh.path().join(format!("{name}.png"));
+        let target = draft.path().join(format!("{name}.png"));
         picture(&mask)
             .save(&target)
             .map_err(|e| failed(&target, e.to_string()))?;
         Ok(1)
     });
     let written = written.sum::<Result<usize, EvalError>>()?;
-    // Takes the place of an empty folder too, where the system allows it.
-    let _ = std::fs::remove_dir(out);
-    std::fs::rename(fresh.path(), out).map_err(|e| failed(out, e.to_string()))?;
-    // There is nothing left to remove at the old name.
-    let _ = fresh.keep();
+    draft.finish()?;
     Ok(written)
 }
 

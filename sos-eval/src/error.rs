@@ -92,3 +92,12 @@ pub enum EvalError {
         which: &'static str,
     },
 }
+
+impl From<draft_folder::DraftError> for EvalError {
+    fn from(error: draft_folder::DraftError) -> Self {
+        Self::Write {
+            path: error.path,
+            reason: error.source.to_string(),
+        }
+    }
+}

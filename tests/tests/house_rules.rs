@@ -14,7 +14,8 @@ use std::{
 use serde_json::Value;
 
 /// What each crate may depend on within the workspace: the arrows of ARCHITECTURE.md.
-const ALLOWED: [(&str, &[&str]); 17] = [
+const ALLOWED: [(&str, &[&str]); 18] = [
+    ("draft-folder", &[]),
     ("tensor-slices", &[]),
     ("gpu-tensors", &[]),
     ("hashgrid", &["gpu-tensors", "tensor-slices"]),
@@ -25,16 +26,20 @@ const ALLOWED: [(&str, &[&str]); 17] = [
         &["gpu-tensors", "hashgrid", "neus-render", "tensor-slices"],
     ),
     ("io-colmap", &[]),
-    ("scene-import", &["io-colmap"]),
-    ("scene-capture", &["io-colmap", "scene-import"]),
+    ("scene-import", &["draft-folder", "io-colmap"]),
+    (
+        "scene-capture",
+        &["draft-folder", "io-colmap", "scene-import"],
+    ),
     ("scene-doctor", &["io-colmap", "scene-capture"]),
-    ("scene-export", &["io-colmap"]),
-    ("demo-scene", &[]),
-    ("sos-eval", &[]),
+    ("scene-export", &["draft-folder", "io-colmap"]),
+    ("demo-scene", &["draft-folder"]),
+    ("sos-eval", &["draft-folder"]),
     (
         "sos-train",
         &[
             "demo-scene",
+            "draft-folder",
             "gpu-tensors",
             "hashgrid",
             "io-colmap",
@@ -91,7 +96,8 @@ const ALLOWED_IN_TESTS: [(&str, &[&str]); 3] = [
 ];
 
 /// Crates that are useful to people who do not use Burn, and quick to build without it.
-const WITHOUT_BURN: [&str; 8] = [
+const WITHOUT_BURN: [&str; 9] = [
+    "draft-folder",
     "io-colmap",
     "scene-import",
     "scene-capture",

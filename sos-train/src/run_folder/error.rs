@@ -60,6 +60,12 @@ fn remedy(error: &io::Error) -> &'static str {
     }
 }
 
+impl From<draft_folder::DraftError> for RunError {
+    fn from(error: draft_folder::DraftError) -> Self {
+        Self::io(error.action, &error.path, error.source)
+    }
+}
+
 impl RunError {
     pub(crate) fn io(action: &'static str, path: &Path, source: io::Error) -> Self {
         Self::Io {

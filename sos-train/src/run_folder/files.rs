@@ -1,12 +1,13 @@
 //! Files that appear in one piece, and their removal.
 
 use super::RunError;
+use draft_folder::Draft;
 use std::fs;
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Start of the names of files that are being written.
-pub(super) const PARTIAL: &str = ".sos-partial-";
+/// Start of the names of files that are being written, as of folders.
+pub(super) const PARTIAL: &str = draft_folder::PREFIX;
 
 /// What a finished file survives.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -32,25 +33,9 @@ pub(crate) fn write_folder<T>(
     out: &Path,
     fill: impl FnOnce(&Path) -> Result<T, RunError>,
 ) -> Result<T, RunError> {
-    let parent = folder_of(out);
-    fs::create_dir_all(parent).map_err(|e| RunError::io("create the folder", parent, e))?;
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(PARTIAL);
-    #[cfg(unix)]
-    {
-        // As for any new folder: what the user's umask leaves of it, not the private 0700.
-        use std::os::unix::fs::PermissionsExt as _;
-        builder.permissions(fs::Permissions::from_mode(0o777));
-    }
-    let folder = builder
-        .tempdir_in(parent)
-        .map_err(|e| RunError::io("write to the folder", parent, e))?;
-    let filled = fill(folder.path())?;
-    // Takes the place of an empty folder too, where the system allows it.
-    let _ = fs::remove_dir(out);
-    fs::rename(folder.path(), out).map_err(|e| RunError::io("create the folder", out, e))?;
-    // There is nothing left to remove at the old name.
-    let _ = folder.keep();
+    let draft = Draft::beside(out)?;
+    let filled = fill(draft.path())?;
+    draft.finish()?;
     Ok(filled)
 }
 
