@@ -20,44 +20,46 @@ pub struct LevelSet {
 
 /// How far interpolation may round beyond the eight values.
 const ROUNDING: f32 = 1e-5;
+/// Rows and words that one task takes at least.
+const ROWS: usize = 256;
+/// The bits of a cube while both lists are made.
+const EVERYWHERE: u8 = 1;
+const NOWHERE: u8 = 2;
 
 impl LevelSet {
     /// Where `map` is at least `threshold`.
     #[must_use]
     pub fn new(map: &ProbabilityMap, threshold: f32) -> Self {
         let resolution = map.resolution();
-        let values = map.values();
-        let last = resolution - 1;
-        // The smallest and largest of a cube's corners; cubes on the far side are flat.
-        let range = |cube: usize| {
-            let (x, y, z) = (
-                cube % resolution,
-                cube / resolution % resolution,
-                cube / (resolution * resolution),
-            );
-            let mut range = (f32::INFINITY, f32::NEG_INFINITY);
-            for z in z..=(z + 1).min(last) {
-                for y in y..=(y + 1).min(last) {
-                    for x in x..=(x + 1).min(last) {
-                        let value = values[(z * resolution + y) * resolution + x];
-                        range = (range.0.min(value), range.1.max(value));
+        // Of each cube, whether all of its corners are sure to reach the threshold, and whether none does.
+        let mut sides = vec![0u8; map.values().len()];
+        sides
+            .par_chunks_mut(resolution)
+            .enumerate()
+            .with_min_len(ROWS)
+            .for_each_init(
+                || (vec![0.0; resolution], vec![0.0; resolution]),
+                |(least, most), (row, sides)| {
+                    ranges(map, row, least, most);
+                    for ((side, least), most) in sides.iter_mut().zip(least).zip(most) {
+                        *side = u8::from(*least >= threshold + ROUNDING) * EVERYWHERE
+                            | u8::from(*most < threshold - ROUNDING) * NOWHERE;
                     }
-                }
-            }
-            range
+                },
+            );
+        let words = |of: u8| -> Vec<u64> {
+            sides
+                .par_chunks(64)
+                .with_min_len(ROWS)
+                .map(|sides| {
+                    let bits = sides.iter().enumerate();
+                    bits.fold(0, |word, (bit, side)| {
+                        word | u64::from(side & of != 0) << bit
+                    })
+                })
+                .collect()
         };
-        let (everywhere, nowhere) = (0..values.len().div_ceil(64))
-            .into_par_iter()
-            .map(|word| {
-                let mut bits = (0u64, 0u64);
-                for (bit, cube) in (64 * word..values.len().min(64 * word + 64)).enumerate() {
-                    let (least, most) = range(cube);
-                    bits.0 |= u64::from(least >= threshold + ROUNDING) << bit;
-                    bits.1 |= u64::from(most < threshold - ROUNDING) << bit;
-                }
-                bits
-            })
-            .unzip();
+        let (everywhere, nowhere) = (words(EVERYWHERE), words(NOWHERE));
         Self {
             threshold,
             resolution,
@@ -89,6 +91,27 @@ impl LevelSet {
     #[must_use]
     pub fn resolution(&self) -> usize {
         self.resolution
+    }
+}
+
+/// The smallest and largest of each cube's corners, of the cubes along x whose number is `row`; those on the far side
+/// are flat.
+fn ranges(map: &ProbabilityMap, row: usize, least: &mut [f32], most: &mut [f32]) {
+    let n = map.resolution();
+    let (y, z) = (row % n, row / n);
+    let (next_y, next_z) = ((y + 1).min(n - 1), (z + 1).min(n - 1));
+    let values = |y: usize, z: usize| &map.values()[(z * n + y) * n..][..n];
+    least.copy_from_slice(values(y, z));
+    most.copy_from_slice(values(y, z));
+    for row in [values(next_y, z), values(y, next_z), values(next_y, next_z)] {
+        for ((least, most), value) in least.iter_mut().zip(most.iter_mut()).zip(row) {
+            *least = least.min(*value);
+            *most = most.max(*value);
+        }
+    }
+    for x in 1..n {
+        least[x - 1] = least[x - 1].min(least[x]);
+        most[x - 1] = most[x - 1].max(most[x]);
     }
 }
 

@@ -142,14 +142,12 @@ impl ProbabilityMap {
 fn block_maxima(resolution: usize, values: &[f32]) -> Vec<f32> {
     let blocks = resolution.div_ceil(BLOCK);
     let mut own = vec![0.0f32; blocks.pow(3)];
-    for (i, value) in values.iter().enumerate() {
-        let (x, y, z) = (
-            i % resolution,
-            i / resolution % resolution,
-            i / (resolution * resolution),
-        );
-        let slot = &mut own[((z / BLOCK) * blocks + y / BLOCK) * blocks + x / BLOCK];
-        *slot = slot.max(*value);
+    for (i, row) in values.chunks(resolution.max(1)).enumerate() {
+        let (y, z) = (i % resolution, i / resolution);
+        let slots = &mut own[((z / BLOCK) * blocks + y / BLOCK) * blocks..][..blocks];
+        for (slot, values) in slots.iter_mut().zip(row.chunks(BLOCK)) {
+            *slot = values.iter().copied().fold(*slot, f32::max);
+        }
     }
     let around = |v: usize| v.saturating_sub(1)..(v + 2).min(blocks);
     (0..blocks.pow(3))

@@ -11,7 +11,10 @@ use rayon::prelude::*;
 
 use crate::probability::ProbabilityMap;
 
+mod spread;
 mod tipping_point;
+
+use spread::spread;
 
 /// Votes on the voxels of the cube `[-1, 1]^3`, x fastest.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,8 +60,8 @@ impl SurfaceVotes {
 
     /// Makes older votes count less: geometry has moved on since.
     pub fn fade(&mut self, factor: f32) {
-        for value in self.object.iter_mut().chain(&mut self.total) {
-            *value *= factor;
+        for values in [&mut self.object, &mut self.total] {
+            values.par_iter_mut().for_each(|value| *value *= factor);
         }
     }
 
@@ -125,71 +128,6 @@ impl SurfaceVotes {
     }
 }
 
-/// Means over cubes of `2 radius + 1` voxels, twice: nearly a Gaussian.
-fn spread(values: &[f32], n: usize, radius: usize) -> Vec<f32> {
-    let mut out = values.to_vec();
-    for _ in 0..2 {
-        for axis in 0..3 {
-            out = window_means(&out, n, axis, radius);
-        }
-    }
-    out
-}
-
-/// Means over windows along one axis; outside the cube counts as zero.
-///
-/// A window's sum is the one before, plus the value that enters and less the one that leaves: the
-/// time does not depend on the radius. In f64, so that what has left leaves nothing behind.
-fn window_means(values: &[f32], n: usize, axis: usize, radius: usize) -> Vec<f32> {
-    let mut out = vec![0.0; values.len()];
-    let share = 1.0 / (2 * radius + 1) as f64;
-    let row = |y: usize, z: usize| &values[(z * n + y) * n..][..n];
-    if axis == 0 {
-        out.par_chunks_mut(n).enumerate().for_each(|(i, out)| {
-            let row = row(i % n, i / n);
-            let mut sum: f64 = row[..radius.min(n)].iter().map(|v| f64::from(*v)).sum();
-            for (x, out) in out.iter_mut().enumerate() {
-                sum += row.get(x + radius).map_or(0.0, |v| f64::from(*v));
-                *out = (share * sum) as f32;
-                sum -= x.checked_sub(radius).map_or(0.0, |x| f64::from(row[x]));
-            }
-        });
-        return out;
-    }
-    // Rows along x, as the lists that windows along y or z run through.
-    let mut lists: Vec<Vec<&mut [f32]>> = (0..n).map(|_| Vec::with_capacity(n)).collect();
-    for (i, row) in out.chunks_mut(n).enumerate() {
-        lists[if axis == 1 { i / n } else { i % n }].push(row);
-    }
-    lists.into_par_iter().enumerate().for_each(|(other, list)| {
-        let source = |at: usize| match axis {
-            1 => row(at, other),
-            _ => row(other, at),
-        };
-        let mut sums = vec![0.0f64; n];
-        let add = |sums: &mut [f64], at: usize, sign: f64| {
-            for (sum, value) in sums.iter_mut().zip(source(at)) {
-                *sum += sign * f64::from(*value);
-            }
-        };
-        for at in 0..radius.min(n) {
-            add(&mut sums, at, 1.0);
-        }
-        for (at, out) in list.into_iter().enumerate() {
-            if at + radius < n {
-                add(&mut sums, at + radius, 1.0);
-            }
-            for (out, sum) in out.iter_mut().zip(&sums) {
-                *out = (share * sum) as f32;
-            }
-            if at >= radius {
-                add(&mut sums, at - radius, -1.0);
-            }
-        }
-    });
-    out
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
@@ -238,22 +176,5 @@ mod tests {
         assert!((before - 0.75).abs() < 0.01 && (after - before).abs() < 0.01);
         let [object, total] = votes.values().map(<[f32]>::to_vec);
         assert_eq!(SurfaceVotes::from_values(n, object, total), Some(votes));
-    }
-
-    #[test]
-    fn window_means_are_means() {
-        let n = 8;
-        let values: Vec<f32> = (0..n * n * n).map(|i| ((i * 37) % 101) as f32).collect();
-        let stride = [1, n, n * n];
-        for axis in 0..3 {
-            let found = window_means(&values, n, axis, 2);
-            for i in 0..values.len() {
-                let at = i / stride[axis] % n;
-                let sum: f32 = (at.saturating_sub(2)..(at + 3).min(n))
-                    .map(|k| values[i + k * stride[axis] - at * stride[axis]])
-                    .sum();
-                assert!((found[i] - sum / 5.0).abs() < 1e-3);
-            }
-        }
     }
 }

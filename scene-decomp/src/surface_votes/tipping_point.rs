@@ -7,7 +7,10 @@
 //! around that most call background. From both rates follows the share at which both answers are as
 //! likely, if views err by themselves (Dawid and Skene 1979).
 
-use super::{SurfaceVotes, spread};
+use rayon::prelude::*;
+
+use super::SurfaceVotes;
+use super::spread::spread;
 
 /// Voxels around the object whose votes tell how often background is called object: half of them.
 const AROUND: usize = 4;
@@ -29,10 +32,12 @@ impl SurfaceVotes {
         let share = |cell: usize| f64::from(self.object[cell]) / f64::from(self.total[cell]);
         // Where most say object, and around it: all else is far from any outline.
         let most: Vec<f32> = (0..self.total.len())
+            .into_par_iter()
             .map(|cell| f32::from(u8::from(voted(cell) && share(cell) > 0.5)))
             .collect();
         let near = spread(&most, self.resolution, AROUND);
         let near: Vec<usize> = (0..near.len())
+            .into_par_iter()
             .filter(|&cell| near[cell] > NOTHING && voted(cell))
             .collect();
         let mut tipping = 0.5;
