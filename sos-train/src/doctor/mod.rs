@@ -44,6 +44,9 @@ impl Location {
         let with_mask: Vec<usize> = (0..views.len())
             .filter(|&i| views[i].mask.is_some())
             .collect();
+        // Around what masks agree on, what it stands on has to be seen too. A region without masks holds that already, and
+        // training looks for the ground in it as it is.
+        let mut surroundings = 1.0;
         let (frame, by, consensus) = match with_mask.as_slice() {
             [] => (hint.region(views, points), by_hint(hint), None),
             &[view] => {
@@ -52,15 +55,21 @@ impl Location {
                 (hint.region(views, points), by_hint(&hint), None)
             }
             _ => match MaskConsensus::of(views, points, config) {
-                Ok(found) => (Ok(found.frame), "where the masks agree", Some(found)),
+                Ok(found) => {
+                    surroundings = SURROUNDINGS;
+                    (Ok(found.frame), "where the masks agree", Some(found))
+                }
                 Err(error) => (Err(error), "", None),
             },
         };
         Self {
-            ground: frame
-                .as_ref()
-                .ok()
-                .and_then(|frame| ground(views, points, frame)),
+            ground: frame.as_ref().ok().and_then(|frame| {
+                let around = Frame {
+                    half_side: surroundings * frame.half_side,
+                    ..*frame
+                };
+                ground(views, points, &around)
+            }),
             subject: subject(frame, by),
             consensus,
         }
@@ -123,11 +132,8 @@ fn subject(frame: Result<Frame, PrepareError>, by: &str) -> Subject {
     }
 }
 
-fn ground(views: &[TrainView], points: &[SparsePoint], frame: &Frame) -> Option<Ground> {
-    let around = Frame {
-        half_side: SURROUNDINGS * frame.half_side,
-        ..*frame
-    };
+/// The plane that things stand on in the region `around`.
+fn ground(views: &[TrainView], points: &[SparsePoint], around: &Frame) -> Option<Ground> {
     let cameras: Vec<Vec3> = views
         .iter()
         .map(|view| around.normalised_from_world(view.camera_from_world.centre()))
