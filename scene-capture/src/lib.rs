@@ -9,7 +9,7 @@
 //!    place when all is done.
 //!
 //! COLMAP is asked for its options, which differ between versions; everything runs on the CPU.
-//! Photos of one folder, size and lens share a camera. A [`Watch`] hears how far it is and what was
+//! Photos are turned upright as their EXIF says; those of one folder, size and lens share a camera. A [`Watch`] hears how far it is and what was
 //! decided, and can stop it: whatever runs is ended then, and nothing is left behind. Where poses
 //! are few or missing, it is said what to do about it.
 //!
@@ -29,7 +29,7 @@
 //! # Map
 //! | module | idea |
 //! |---|---|
-//! | `source`, `photos` | what a path holds; photos by camera |
+//! | `source`, `photos`, `upright` | what a path holds; photos by camera; turned as EXIF says |
 //! | `video`, `frames`, `sharpness` | ffprobe's answer and windows of time; the stream; which frame |
 //! | `colmap`, `matching`, `masks` | command lines; pairs of photos; where not to look |
 //! | `progress_lines`, `models` | what COLMAP says on the way; what it made |
@@ -47,6 +47,7 @@ mod progress_lines;
 mod scene;
 mod sharpness;
 mod source;
+mod upright;
 mod video;
 mod watch;
 

@@ -1,8 +1,9 @@
 //! Masks for COLMAP: where not to look for features.
 
 use crate::error::CaptureError;
-use crate::photos::PhotoSet;
-use image::{GrayImage, ImageReader, Luma};
+use crate::photos::{Photo, PhotoSet};
+use image::metadata::Orientation;
+use image::{DynamicImage, GrayImage, ImageReader, Luma};
 use io_colmap::{MaskFiles, Model, Pose, Scene, View};
 use rayon::prelude::*;
 use std::path::Path;
@@ -34,7 +35,7 @@ pub(crate) fn write(
         .zip(&files.paths)
         .try_for_each(|(photo, path)| {
             let mask = match path {
-                Some(path) => read(path, photo.size)?,
+                Some(path) => read(path, photo)?,
                 None => GrayImage::from_pixel(photo.size.0, photo.size.1, Luma([255])),
             };
             let to = out.join(format!("{}.png", photo.name));
@@ -57,7 +58,7 @@ pub(crate) fn write(
 
 /// The photos as views without cameras, which is enough to match names.
 fn named_views(photos: &PhotoSet) -> Scene {
-    let view = |(id, photo): (u32, &crate::photos::Photo)| View {
+    let view = |(id, photo): (u32, &Photo)| View {
         id,
         name: photo.name.clone(),
         camera_id: 0,
@@ -74,8 +75,10 @@ fn named_views(photos: &PhotoSet) -> Scene {
     }
 }
 
-/// Black and white at the photo's size; white is from half the mask's brightest value on.
-fn read(path: &Path, size: (u32, u32)) -> Result<GrayImage, CaptureError> {
+/// Black and white at the photo's size; white is from half the mask's brightest value on. A mask of the photo as it was
+/// stored is turned like the photo.
+fn read(path: &Path, photo: &Photo) -> Result<GrayImage, CaptureError> {
+    let size = photo.size;
     let unreadable = |why: String| {
         CaptureError::bad(
             path,
@@ -89,10 +92,14 @@ fn read(path: &Path, size: (u32, u32)) -> Result<GrayImage, CaptureError> {
         .decode()
         .map_err(|e| unreadable(e.to_string()))?;
     let mut mask = picture.into_luma8();
+    if !is_shaped(&mask, size) && photo.orientation != Orientation::NoTransforms {
+        let mut turned = DynamicImage::ImageLuma8(mask);
+        turned.apply_orientation(photo.orientation);
+        mask = turned.into_luma8();
+    }
     let (width, height) = mask.dimensions();
     if (width, height) != size {
-        let scaled = f64::from(width) * f64::from(size.1) / f64::from(size.0);
-        if (scaled - f64::from(height)).abs() > ROUNDING {
+        if !is_shaped(&mask, size) {
             return Err(CaptureError::bad(
                 path,
                 format!(
@@ -113,6 +120,11 @@ fn read(path: &Path, size: (u32, u32)) -> Result<GrayImage, CaptureError> {
         *value = if half > 0 && *value >= half { 255 } else { 0 };
     }
     Ok(mask)
+}
+
+fn is_shaped(mask: &GrayImage, size: (u32, u32)) -> bool {
+    let scaled = f64::from(mask.width()) * f64::from(size.1) / f64::from(size.0);
+    (scaled - f64::from(mask.height())).abs() <= ROUNDING
 }
 
 #[cfg(test)]

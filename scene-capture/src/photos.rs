@@ -2,6 +2,7 @@
 
 use crate::error::CaptureError;
 use exif::{In, Tag};
+use image::metadata::Orientation;
 use io_colmap::PhotoHeader;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -41,8 +42,10 @@ pub(crate) struct PhotoSet {
 pub(crate) struct Photo {
     /// Path below the root, with `/` between folders.
     pub(crate) name: String,
-    /// Of the pixels as they are stored, which is how COLMAP sees them.
+    /// Of the pixels as COLMAP sees them.
     pub(crate) size: (u32, u32),
+    /// How a viewer turns the pixels as they are stored (EXIF).
+    pub(crate) orientation: Orientation,
     exif: Exif,
 }
 
@@ -233,6 +236,7 @@ fn look(root: &Path, name: String) -> Result<Photo, (String, String)> {
     match PhotoHeader::read(&path) {
         Ok(header) => Ok(Photo {
             size: header.stored,
+            orientation: header.orientation,
             exif: exif_of(&path),
             name,
         }),

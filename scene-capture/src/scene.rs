@@ -5,11 +5,15 @@ use crate::error::CaptureError;
 use crate::masks;
 use crate::matching::attempts;
 use crate::models::Models;
-use crate::photos::PhotoSet;
+use crate::photos::{Photo, PhotoSet};
 use crate::source::Source;
+use crate::upright;
 use crate::video::{Ffmpeg, FrameOptions};
 use crate::watch::{Progress, Stage, Watch};
 use draft_folder::Draft;
+use image::metadata::Orientation;
+use io_colmap::PhotoHeader;
+use rayon::prelude::*;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -212,9 +216,20 @@ impl Job<'_> {
     fn gather(&mut self, images: &Path) -> Result<PhotoSet, CaptureError> {
         let set = match self.source {
             Source::Photos(folder) => {
-                let set = PhotoSet::find(folder)?;
-                for photo in &set.photos {
-                    place(&set.root.join(&photo.name), &images.join(&photo.name))?;
+                let mut set = PhotoSet::find(folder)?;
+                let placed = set.photos.par_iter_mut().map(|photo| {
+                    place(
+                        &set.root.join(&photo.name),
+                        &images.join(&photo.name),
+                        photo,
+                    )
+                });
+                let turned: Vec<bool> = placed.collect::<Result<_, _>>()?;
+                let count = turned.iter().filter(|turned| **turned).count();
+                if count > 0 {
+                    set.notes.push(format!(
+                        "{count} photos are written anew, turned as their EXIF orientation says"
+                    ));
                 }
                 set
             }
@@ -340,17 +355,22 @@ impl Job<'_> {
     }
 }
 
-/// A hard link to a photo, or a copy where that cannot be.
-fn place(photo: &Path, to: &Path) -> Result<(), CaptureError> {
+/// A hard link to a photo, or a copy where that cannot be; turned where its EXIF says so, and then `true` is returned
+/// and the `photo` of the new size.
+fn place(from: &Path, to: &Path, photo: &mut Photo) -> Result<bool, CaptureError> {
     if let Some(folder) = to.parent() {
         create(folder)?;
     }
     // A link to a symbolic link would lead nowhere from its new place.
-    let full = photo
+    let full = from
         .canonicalize()
-        .map_err(|e| CaptureError::io("read", photo, e))?;
-    if fs::hard_link(&full, to).is_err() {
-        fs::copy(&full, to).map_err(|e| CaptureError::io("copy", photo, e))?;
+        .map_err(|e| CaptureError::io("read", from, e))?;
+    if photo.orientation != Orientation::NoTransforms && upright::write(&full, to)? {
+        photo.size = PhotoHeader::read(to)?.stored;
+        return Ok(true);
     }
-    Ok(())
+    if fs::hard_link(&full, to).is_err() {
+        fs::copy(&full, to).map_err(|e| CaptureError::io("copy", from, e))?;
+    }
+    Ok(false)
 }

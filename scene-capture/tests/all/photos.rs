@@ -1,8 +1,9 @@
 //! Photos to a scene, with a stand-in for COLMAP.
 
 use crate::stand_ins::{Dialect, Listener, Workshop, text};
-use image::{GrayImage, RgbImage};
-use io_colmap::Scene;
+use image::codecs::jpeg::JpegEncoder;
+use image::{GrayImage, ImageEncoder as _, RgbImage};
+use io_colmap::{PhotoHeader, Scene};
 use scene_capture::{CaptureOptions, Existing, Progress, Source, Stage, capture};
 use std::fs;
 
@@ -68,6 +69,48 @@ fn photos_become_a_scene_in_either_dialect() {
             );
         }
     }
+}
+
+/// An EXIF block with the orientation as its only entry.
+fn exif(orientation: u8) -> Vec<u8> {
+    let mut block = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0".to_vec();
+    block.extend([orientation, 0, 0, 0, 0, 0, 0]);
+    block
+}
+
+#[test]
+fn photos_are_turned_as_viewers_show_them() {
+    let shop = Workshop::new();
+    let photos = shop.photos(&NAMES);
+    // Bright at the left as stored, which is above as seen.
+    let stored = RgbImage::from_fn(64, 48, |x, _| image::Rgb([if x < 32 { 240 } else { 10 }; 3]));
+    let mut out = fs::File::create(photos.join("b.jpg")).unwrap();
+    let mut encoder = JpegEncoder::new(&mut out);
+    encoder.set_exif_metadata(exif(6)).unwrap();
+    stored.write_with_encoder(encoder).unwrap();
+    shop.model(0, 0, &["a.jpg", "c.jpg", "d.jpg"]);
+    let masks = shop.path("m");
+    fs::create_dir(&masks).unwrap();
+    GrayImage::new(64, 48).save(masks.join("b.png")).unwrap();
+    let captured = capture(
+        &Source::Photos(photos.clone()),
+        &shop.path("scene"),
+        &shop.tools(Dialect::Three),
+        &CaptureOptions {
+            masks: Some(masks),
+            ..CaptureOptions::default()
+        },
+        &(),
+    )
+    .unwrap();
+    let said = "1 photos are written anew, turned as their EXIF orientation says";
+    assert!(captured.notes.iter().any(|note| note == said), "{captured:?}");
+    let header = PhotoHeader::read(&shop.path("scene/images/b.jpg")).unwrap();
+    assert_eq!((header.stored, header.upright()), ((48, 64), (48, 64)));
+    let turned = image::open(shop.path("scene/images/b.jpg")).unwrap().into_rgb8();
+    assert!(turned.get_pixel(24, 10).0[0] > 200 && turned.get_pixel(24, 54).0[0] < 60);
+    let kept = PhotoHeader::read(&photos.join("b.jpg")).unwrap();
+    assert_eq!(kept.stored, (64, 48), "the photo itself is left alone");
 }
 
 #[test]
