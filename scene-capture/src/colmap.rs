@@ -24,6 +24,14 @@ const LONGER_SIDE: u32 = 1600;
 const FEATURES: u32 = 4096;
 /// COLMAP's default of 0 lets every adjustment run to its last iteration.
 const FUNCTION_TOLERANCE: &str = "0.000001";
+/// What COLMAP takes for a pose otherwise is made for many large photos: the matches of the first pair and their angle,
+/// and the matches of every other photo. A few small photos of a smooth thing have fewer, and poses by them are no worse.
+const FEWER_MATCHES: [(&str, &str); 4] = [
+    ("Mapper.init_min_num_inliers", "30"),
+    ("Mapper.init_min_tri_angle", "4"),
+    ("Mapper.abs_pose_min_num_inliers", "15"),
+    ("Mapper.abs_pose_min_inlier_ratio", "0.15"),
+];
 /// As many photos determine a lens of eight parameters well enough.
 const OPENCV_FROM: usize = 30;
 
@@ -48,6 +56,15 @@ pub(crate) struct FeatureJob<'a> {
     pub(crate) list: &'a Path,
     pub(crate) photos: usize,
     pub(crate) masks: Option<&'a Path>,
+}
+
+/// How many matches a pose needs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Evidence {
+    /// As many as COLMAP wants.
+    Usual,
+    /// Half as many.
+    Less,
 }
 
 /// Whether poses were found.
@@ -205,11 +222,11 @@ impl Colmap {
         images: &Path,
         database: &Path,
         out: &Path,
-        total: usize,
+        (evidence, total): (Evidence, usize),
         watch: &dyn Watch,
     ) -> Result<Mapped, CaptureError> {
         let options = self.options("mapper")?;
-        let arguments = mapper_arguments(&options, images, database, out);
+        let arguments = mapper_arguments(&options, images, database, out, evidence);
         let mut lines = Lines::default();
         let ended = self.program.run(&arguments, watch, |line| {
             if let Some(done) = lines.poses(line) {
@@ -340,13 +357,20 @@ fn mapper_arguments(
     images: &Path,
     database: &Path,
     out: &Path,
+    evidence: Evidence,
 ) -> Vec<OsString> {
-    Arguments::of("mapper", options)
+    let arguments = Arguments::of("mapper", options)
         .with("database_path", database)
         .with("image_path", images)
         .with("output_path", out)
-        .with_first(&["Mapper.ba_global_function_tolerance"], FUNCTION_TOLERANCE)
-        .words
+        .with_first(&["Mapper.ba_global_function_tolerance"], FUNCTION_TOLERANCE);
+    match evidence {
+        Evidence::Usual => arguments,
+        Evidence::Less => FEWER_MATCHES.iter().fold(arguments, |all, (name, value)| {
+            all.with_first(&[name], value)
+        }),
+    }
+    .words
 }
 
 /// A folder for the models, and what is in it afterwards.
@@ -465,19 +489,27 @@ mod tests {
 
     #[test]
     fn the_mapper_is_called_as_every_version_knows_it() {
-        let words = |help: &str| {
+        let words_for = |help: &str, evidence| {
             line(&mapper_arguments(
                 &Options::in_help(help),
                 Path::new("i"),
                 Path::new("d.db"),
                 Path::new("o"),
+                evidence,
             ))
         };
+        let words = |help: &str| words_for(help, Evidence::Usual);
         let plain = "mapper --database_path d.db --image_path i --output_path o";
         assert_eq!(words(""), plain);
         assert_eq!(
             words("  --Mapper.ba_global_function_tolerance arg (=0)"),
             format!("{plain} --Mapper.ba_global_function_tolerance 0.000001")
+        );
+        let inliers = "  --Mapper.abs_pose_min_num_inliers arg (=30)";
+        assert_eq!(words(inliers), plain);
+        assert_eq!(
+            words_for(inliers, Evidence::Less),
+            format!("{plain} --Mapper.abs_pose_min_num_inliers 15")
         );
     }
 }

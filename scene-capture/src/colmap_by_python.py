@@ -12,7 +12,11 @@ OPTIONS = {
     "exhaustive_matcher": ["database_path", "FeatureMatching.use_gpu", "ExhaustiveMatching.block_size"],
     "sequential_matcher": ["database_path", "FeatureMatching.use_gpu", "SequentialMatching.overlap"],
     "spatial_matcher": ["database_path", "FeatureMatching.use_gpu"],
-    "mapper": ["database_path", "image_path", "output_path", "Mapper.ba_global_function_tolerance"],
+    "mapper": [
+        "database_path", "image_path", "output_path", "Mapper.ba_global_function_tolerance",
+        "Mapper.init_min_num_inliers", "Mapper.init_min_tri_angle", "Mapper.abs_pose_min_num_inliers",
+        "Mapper.abs_pose_min_inlier_ratio",
+    ],
 }
 
 
@@ -52,6 +56,12 @@ def main(command, *words):
     elif command == "mapper":
         options = pycolmap.IncrementalPipelineOptions()
         options.ba_global_function_tolerance = float(given["Mapper.ba_global_function_tolerance"])
+        for name in ("init_min_num_inliers", "abs_pose_min_num_inliers"):
+            if f"Mapper.{name}" in given:
+                setattr(options.mapper, name, int(given[f"Mapper.{name}"]))
+        for name in ("init_min_tri_angle", "abs_pose_min_inlier_ratio"):
+            if f"Mapper.{name}" in given:
+                setattr(options.mapper, name, float(given[f"Mapper.{name}"]))
         models = pycolmap.incremental_mapping(
             database, given["image_path"], given["output_path"], options)
         if not models:

@@ -1,6 +1,6 @@
 //! From photos or a video to a COLMAP scene on disk.
 
-use crate::colmap::{Colmap, FeatureJob, Mapped};
+use crate::colmap::{Colmap, Evidence, FeatureJob, Mapped};
 use crate::error::CaptureError;
 use crate::masks;
 use crate::matching::attempts;
@@ -302,8 +302,8 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Compares photos and finds poses, with more comparisons if too few are found. Returns the best
-    /// models and their folder.
+    /// Compares photos and finds poses, with more comparisons if too few are found, and then with fewer matches. Returns
+    /// the best models and their folder.
     fn find_poses(
         &mut self,
         colmap: &Colmap,
@@ -313,29 +313,37 @@ impl Job<'_> {
     ) -> Result<(Models, PathBuf), CaptureError> {
         let photos = set.photos.len();
         let mut best: Option<(Models, PathBuf)> = None;
-        for (i, matchers) in attempts(self.source, photos, set.has_positions())
-            .into_iter()
-            .enumerate()
-        {
+        let compared = attempts(self.source, photos, set.has_positions()).into_iter();
+        let tried = compared
+            .map(|matchers| (matchers, Evidence::Usual))
+            .chain([(Vec::new(), Evidence::Less)]);
+        for (i, (matchers, evidence)) in tried.enumerate() {
             if let Some((models, _)) = &best {
                 if models.are_enough(photos) {
                     break;
                 }
                 let found = models.registered();
-                self.say(format!(
-                    "comparing neighbours gave poses for {found} of {photos} photos, so all pairs \
-                     are compared"
-                ));
+                self.say(match evidence {
+                    Evidence::Usual => format!(
+                        "comparing neighbours gave poses for {found} of {photos} photos, so all pairs \
+                         are compared"
+                    ),
+                    Evidence::Less => format!(
+                        "COLMAP's own thresholds gave poses for {found} of {photos} photos, so poses by fewer \
+                         matches are tried"
+                    ),
+                });
             }
             for matcher in matchers {
                 colmap.compare(matcher, database, self.watch)?;
             }
             let sparse = self.folder.join("work").join(format!("sparse-{i}"));
             create(&sparse)?;
-            let models = match colmap.poses(images, database, &sparse, photos, self.watch)? {
-                Mapped::Some => Models::sort(&sparse)?,
-                Mapped::None => Models { sizes: Vec::new() },
-            };
+            let models =
+                match colmap.poses(images, database, &sparse, (evidence, photos), self.watch)? {
+                    Mapped::Some => Models::sort(&sparse)?,
+                    Mapped::None => Models { sizes: Vec::new() },
+                };
             self.watch.progress(Progress {
                 stage: Stage::Poses,
                 done: models.registered(),

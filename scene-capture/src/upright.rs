@@ -46,7 +46,12 @@ pub(crate) fn write(photo: &Path, to: &Path) -> Result<bool, CaptureError> {
     let file = File::create(to).map_err(|e| CaptureError::io("create", to, e))?;
     let mut out = BufWriter::new(file);
     let written = if format == Some(ImageFormat::Jpeg) {
-        encode(JpegEncoder::new_with_quality(&mut out, QUALITY), &picture, exif, profile)
+        encode(
+            JpegEncoder::new_with_quality(&mut out, QUALITY),
+            &picture,
+            exif,
+            profile,
+        )
     } else {
         encode(PngEncoder::new(&mut out), &picture, exif, profile)
     };

@@ -83,7 +83,9 @@ fn photos_are_turned_as_viewers_show_them() {
     let shop = Workshop::new();
     let photos = shop.photos(&NAMES);
     // Bright at the left as stored, which is above as seen.
-    let stored = RgbImage::from_fn(64, 48, |x, _| image::Rgb([if x < 32 { 240 } else { 10 }; 3]));
+    let stored = RgbImage::from_fn(64, 48, |x, _| {
+        image::Rgb([if x < 32 { 240 } else { 10 }; 3])
+    });
     let mut out = fs::File::create(photos.join("b.jpg")).unwrap();
     let mut encoder = JpegEncoder::new(&mut out);
     encoder.set_exif_metadata(exif(6)).unwrap();
@@ -104,10 +106,15 @@ fn photos_are_turned_as_viewers_show_them() {
     )
     .unwrap();
     let said = "1 photos are written anew, turned as their EXIF orientation says";
-    assert!(captured.notes.iter().any(|note| note == said), "{captured:?}");
+    assert!(
+        captured.notes.iter().any(|note| note == said),
+        "{captured:?}"
+    );
     let header = PhotoHeader::read(&shop.path("scene/images/b.jpg")).unwrap();
     assert_eq!((header.stored, header.upright()), ((48, 64), (48, 64)));
-    let turned = image::open(shop.path("scene/images/b.jpg")).unwrap().into_rgb8();
+    let turned = image::open(shop.path("scene/images/b.jpg"))
+        .unwrap()
+        .into_rgb8();
     assert!(turned.get_pixel(24, 10).0[0] > 200 && turned.get_pixel(24, 54).0[0] < 60);
     let kept = PhotoHeader::read(&photos.join("b.jpg")).unwrap();
     assert_eq!(kept.stored, (64, 48), "the photo itself is left alone");
@@ -172,6 +179,28 @@ fn masks_are_handed_on_and_few_poses_warned_of() {
         "{warning}"
     );
     assert!(text(&shop.path("scene/capture.txt")).contains(&warning));
+}
+
+#[test]
+fn poses_by_fewer_matches_are_taken_where_there_are_no_others() {
+    let shop = Workshop::new();
+    shop.model(1, 0, &NAMES);
+    let captured = capture(
+        &Source::Photos(shop.photos(&NAMES)),
+        &shop.path("scene"),
+        &shop.tools(Dialect::Three),
+        &CaptureOptions::default(),
+        &(),
+    )
+    .unwrap();
+    assert_eq!((captured.registered, captured.warning), (4, None));
+    let said =
+        "COLMAP's own thresholds gave poses for 0 of 4 photos, so poses by fewer matches are tried";
+    assert!(
+        captured.notes.iter().any(|note| note == said),
+        "{:?}",
+        captured.notes
+    );
 }
 
 #[test]
