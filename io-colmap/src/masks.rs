@@ -285,7 +285,7 @@ impl MaskSet {
             return Err(ColmapError::mask(
                 path,
                 format!("the mask is {w}x{h} but {width}x{height} is needed, another shape"),
-                "make the mask from the photo itself, without cropping",
+                remedy_of_shape((w, h), (width, height)),
             ));
         }
         if self.labels {
@@ -306,6 +306,15 @@ impl MaskSet {
     }
 }
 
+/// What to do about a mask of another shape than its photo.
+fn remedy_of_shape((width, height): (u32, u32), photo: (u32, u32)) -> &'static str {
+    if same_shape((height, width), photo) {
+        "turn the mask, which lies on its side beside its photo: one of the two was not turned as the photo's EXIF says"
+    } else {
+        "make the mask from the photo itself, without cropping"
+    }
+}
+
 fn look(path: &Path, photo: &Path, photo_size: Option<(u32, u32)>) -> Result<Look, ColmapError> {
     let mut mask = read_mask(path)?;
     let size = mask.dimensions();
@@ -320,7 +329,7 @@ fn look(path: &Path, photo: &Path, photo_size: Option<(u32, u32)>) -> Result<Loo
                 size.1,
                 photo.display()
             ),
-            "make the mask from the photo itself, without cropping",
+            remedy_of_shape(size, (w, h)),
         ));
     }
     let brightest = mask.iter().copied().max().unwrap_or(0);

@@ -227,8 +227,9 @@ impl Job<'_> {
                 let turned: Vec<bool> = placed.collect::<Result<_, _>>()?;
                 let count = turned.iter().filter(|turned| **turned).count();
                 if count > 0 {
+                    let photos = set.photos.len();
                     set.notes.push(format!(
-                        "{count} photos are written anew, turned as their EXIF orientation says"
+                        "of {photos} photos {count} are turned upright, as their EXIF says they are seen"
                     ));
                 }
                 set

@@ -20,7 +20,8 @@ impl fmt::Display for Stage {
         f.write_str(match self {
             Stage::Frames => "taking frames",
             Stage::Features => "finding features",
-            Stage::Matches => "comparing photos",
+            // COLMAP counts squares of the table of all pairs, not photos.
+            Stage::Matches => "comparing blocks of photos",
             Stage::Poses => "finding poses",
         })
     }

@@ -79,9 +79,13 @@ pub fn remark(asked: &str) -> &'static str {
 }
 
 fn cpu(backend: &str, device: Device) -> ChosenDevice {
+    let threads = match rayon::current_num_threads() {
+        1 => "one thread".to_owned(),
+        n => format!("{n} threads"),
+    };
     ChosenDevice {
         device,
-        name: format!("{backend} on {} threads", rayon::current_num_threads()),
+        name: format!("{backend} on {threads}"),
         largest_binding: None,
         is_cpu: true,
     }

@@ -198,6 +198,13 @@ fn sizes_must_fit() {
         error.contains("images/p1.png is 64x48, another shape; make the mask"),
         "{error}"
     );
+
+    save(&masks, "p1.png", disc(48, 64, 255, 0));
+    let error = MaskSet::find(&masks, &scene, None).unwrap_err().to_string();
+    assert!(
+        error.contains("is 64x48, another shape; turn the mask"),
+        "{error}"
+    );
 }
 
 #[test]

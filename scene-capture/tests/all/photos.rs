@@ -105,7 +105,7 @@ fn photos_are_turned_as_viewers_show_them() {
         &(),
     )
     .unwrap();
-    let said = "1 photos are written anew, turned as their EXIF orientation says";
+    let said = "of 4 photos 1 are turned upright, as their EXIF says they are seen";
     assert!(
         captured.notes.iter().any(|note| note == said),
         "{captured:?}"

@@ -73,6 +73,11 @@ fn nothing_to_capture(path: &Path) -> anyhow::Error {
             "there is no such file or folder",
             "give a folder of photos or a video file",
         )
+    } else if path.is_file() && image::ImageFormat::from_path(path).is_ok() {
+        (
+            "it is one photo",
+            "give the folder with all photos of the object",
+        )
     } else if path.is_file() {
         (
             "it is no video that is known by its ending",

@@ -250,9 +250,9 @@ impl Trainer {
             known.filter(|c| trust_by_photo(**c) > 0.0).count(),
         );
         let what = if middle > MOSTLY_ROUGH {
-            "they are followed for that"
+            "these are followed to the pixel"
         } else {
-            "too few to follow any for that"
+            "too few to be followed to the pixel, the scene decides where outlines run"
         };
         Some(format!(
             "photos change {middle:.1} times as much along their masks' outlines as beside them, in the middle \

@@ -214,7 +214,7 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
             }));
         }
     };
-    let mut stage = None;
+    let (mut stage, mut regions) = (None, 0);
     let discovery = find_object(
         &views,
         &job.scene.model.points,
@@ -223,7 +223,13 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
         &job.interrupt,
         |done, steps| {
             if done == 1 {
-                stage = Some(progress.stage("looking for the object", steps as usize));
+                regions += 1;
+                let label = match regions {
+                    1 => "looking for the object",
+                    // It goes on beyond the one before.
+                    _ => "looking for the object in a larger region",
+                };
+                stage = Some(progress.stage(label, steps as usize));
             }
             stage.iter_mut().for_each(|stage| stage.advance());
         },
