@@ -69,7 +69,7 @@ impl Look {
             progress(trainer.step_number(), config.steps);
         }
         let depths = depth_pictures(&trainer.freeze_before(), &data, RAYS);
-        let solid = fuse(&data, &depths, &data.map, 0.5);
+        let solid = fuse(&data, &depths, &data.map, 0.5, f32::INFINITY);
         let cameras: Vec<Vec3> = data
             .views
             .iter()

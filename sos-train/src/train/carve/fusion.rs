@@ -14,14 +14,16 @@ const BEHIND_WEIGHT: f32 = 0.25;
 
 /// Fuses `depths` of all views on the voxels of the cube `[-1, 1]^3`, x fastest: positive outside.
 ///
-/// A voxel that no view sees before or just behind a surface is inside. Only voxels where `map`
-/// reaches `threshold` are asked for; the others are outside.
+/// A voxel that no view sees before or just behind a surface is inside, unless the nearest surface that hides it is more
+/// than `deepest` before it: seen from one side, what a thing hides has no end. Only voxels where `map` reaches
+/// `threshold` are asked for; the others are outside.
 #[must_use]
 pub fn fuse(
     data: &Prepared,
     depths: &[DepthPicture],
     map: &ProbabilityMap,
     threshold: f32,
+    deepest: f32,
 ) -> Vec<f32> {
     let resolution = map.resolution();
     let truncation = TRUNCATION_VOXELS * 2.0 / resolution as f32;
@@ -39,24 +41,59 @@ pub fn fuse(
             }
             let point = ProbabilityMap::centre(resolution, cell);
             let world = data.frame.world_from_normalised(point);
-            let (mut sum, mut weight) = (0.0, 0.0);
-            for ((view, depth), origin) in data.views.iter().zip(depths).zip(&origins) {
-                let Some((pixel, _)) = view.project(world) else {
-                    continue;
-                };
+            let seen = data.views.iter().zip(depths).zip(&origins);
+            let before = seen.filter_map(|((view, depth), origin)| {
+                let (pixel, _) = view.project(world)?;
                 let before = depth.at(pixel) - point.distance(*origin);
-                if before.is_nan() || before < -truncation {
-                    continue;
-                }
-                let w = if before < 0.0 { BEHIND_WEIGHT } else { 1.0 };
-                sum += w * before.min(truncation);
-                weight += w;
-            }
-            if weight > 0.0 {
-                sum / weight
-            } else {
-                -truncation
-            }
+                (!before.is_nan()).then_some(before)
+            });
+            fused(before, truncation, deepest)
         })
         .collect()
+}
+
+/// The distance of one voxel, from how far `before` each view's surface it is.
+fn fused(before: impl Iterator<Item = f32>, truncation: f32, deepest: f32) -> f32 {
+    let (mut sum, mut weight) = (0.0, 0.0);
+    let mut hidden = None::<f32>;
+    for before in before {
+        if before < -truncation {
+            hidden = Some(hidden.map_or(-before, |least| least.min(-before)));
+            continue;
+        }
+        let w = if before < 0.0 { BEHIND_WEIGHT } else { 1.0 };
+        sum += w * before.min(truncation);
+        weight += w;
+    }
+    if weight > 0.0 {
+        sum / weight
+    } else if hidden.is_some_and(|least| least > deepest) {
+        truncation
+    } else {
+        -truncation
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(before: &[f32]) -> f32 {
+        fused(before.iter().copied(), 0.1, 1.0)
+    }
+
+    #[test]
+    fn who_sees_a_voxel_says_where_it_is() {
+        assert_eq!(of(&[0.05]), 0.05);
+        // No farther than the truncation, and less by whom it is hidden from.
+        assert!((of(&[0.7, -0.1]) - 0.075 / 1.25).abs() < 1e-6);
+        assert!((of(&[0.05, -0.5]) - 0.05).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_nobody_sees_is_inside_but_not_without_end() {
+        assert_eq!(of(&[]), -0.1);
+        assert_eq!(of(&[-0.9, -3.0]), -0.1);
+        assert_eq!(of(&[-1.1, -3.0]), 0.1);
+    }
 }

@@ -24,6 +24,9 @@ use crate::render::rays::FrozenScene;
 const RAYS: usize = 300_000;
 /// Euclidean distances up to this many voxels are told apart.
 const REACH: usize = 8;
+/// How far behind the nearest surface that hides it a place can be the object's, in half sides of the box. More than one: the
+/// middle of a block that fills the box is that far behind its faces.
+const DEEPEST: f32 = 1.25;
 /// Parts with less than this share of the largest one's voxels are crumbs.
 const SMALLEST_PART: f32 = 0.01;
 
@@ -34,7 +37,7 @@ impl Trainer {
         self.follow(self.probability(data));
         let resolution = self.map.resolution();
         let crop = self.context.config.prepare.crop_threshold;
-        let fused = fusion::fuse(data, &depths, &self.map, crop);
+        let fused = fusion::fuse(data, &depths, &self.map, crop, DEEPEST);
         // The object is what is solid and on its side of m^P.
         let mut inside: Vec<bool> = fused.iter().map(|distance| *distance < 0.0).collect();
         crumbs::keep_large_parts(&mut inside, resolution, SMALLEST_PART);
