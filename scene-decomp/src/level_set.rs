@@ -42,8 +42,9 @@ impl LevelSet {
                 |(least, most), (row, sides)| {
                     ranges(map, row, least, most);
                     for ((side, least), most) in sides.iter_mut().zip(least).zip(most) {
-                        *side = u8::from(*least >= threshold + ROUNDING) * EVERYWHERE
-                            | u8::from(*most < threshold - ROUNDING) * NOWHERE;
+                        let everywhere = u8::from(*least >= threshold + ROUNDING) * EVERYWHERE;
+                        let nowhere = u8::from(*most < threshold - ROUNDING) * NOWHERE;
+                        *side = everywhere | nowhere;
                     }
                 },
             );
