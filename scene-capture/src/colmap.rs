@@ -182,7 +182,8 @@ impl Colmap {
         images: &Path,
         database: &Path,
         out: &Path,
-        (evidence, total): (Evidence, usize),
+        evidence: Evidence,
+        total: usize,
         watch: &dyn Watch,
     ) -> Result<Mapped, CaptureError> {
         let options = self.options("mapper")?;

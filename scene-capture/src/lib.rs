@@ -9,7 +9,8 @@
 //!    place when all is done.
 //!
 //! COLMAP is asked for its options, which differ between versions; everything runs on the CPU.
-//! Photos are turned upright as their EXIF says; those of one folder, size and lens share a camera. A [`Watch`] hears how far it is and what was
+//! Photos are turned upright as their EXIF says; those of one folder, size and lens share a camera.
+//! A [`Watch`] hears how far it is and what was
 //! decided, and can stop it: whatever runs is ended then, and nothing is left behind. Where poses
 //! are few or missing, it is said what to do about it.
 //!

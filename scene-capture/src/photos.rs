@@ -44,7 +44,7 @@ pub(crate) struct Photo {
     pub(crate) name: String,
     /// Of the pixels as COLMAP sees them.
     pub(crate) size: (u32, u32),
-    /// How a viewer turns the pixels as they are stored (EXIF).
+    /// How a viewer turns the pixels as they are stored (EXIF); in a scene, how they were turned.
     pub(crate) orientation: Orientation,
     exif: Exif,
 }

@@ -341,7 +341,7 @@ impl Job<'_> {
             let sparse = self.folder.join("work").join(format!("sparse-{i}"));
             create(&sparse)?;
             let models =
-                match colmap.poses(images, database, &sparse, (evidence, photos), self.watch)? {
+                match colmap.poses(images, database, &sparse, evidence, photos, self.watch)? {
                     Mapped::Some => Models::sort(&sparse)?,
                     Mapped::None => Models { sizes: Vec::new() },
                 };
@@ -364,8 +364,8 @@ impl Job<'_> {
     }
 }
 
-/// A hard link to a photo, or a copy where that cannot be; turned where its EXIF says so, and then `true` is returned
-/// and the `photo` of the new size.
+/// A hard link to a photo, or a copy where that cannot be; turned where its EXIF says so, and then `true` is returned.
+/// The `photo` is described as it is in its new place.
 fn place(from: &Path, to: &Path, photo: &mut Photo) -> Result<bool, CaptureError> {
     if let Some(folder) = to.parent() {
         create(folder)?;
@@ -378,6 +378,7 @@ fn place(from: &Path, to: &Path, photo: &mut Photo) -> Result<bool, CaptureError
         photo.size = PhotoHeader::read(to)?.stored;
         return Ok(true);
     }
+    photo.orientation = Orientation::NoTransforms;
     if fs::hard_link(&full, to).is_err() {
         fs::copy(&full, to).map_err(|e| CaptureError::io("copy", from, e))?;
     }

@@ -44,7 +44,7 @@ pub(crate) struct FeatureJob<'a> {
 pub(crate) enum Evidence {
     /// As many as COLMAP wants.
     Usual,
-    /// Half as many.
+    /// Those of [`FEWER_MATCHES`].
     Less,
 }
 
