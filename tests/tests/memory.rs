@@ -74,7 +74,7 @@ fn peak(count: usize) -> usize {
     let mut data = prepare(views, &[], &config.prepare, config.loss.ignore_band).unwrap();
     let mut trainer = Trainer::new(&config, &data).unwrap();
     while trainer.step_number() < STEPS {
-        trainer.fit_masks(&mut data).unwrap();
+        trainer.correct_masks(&mut data).unwrap();
         trainer.step(&data);
     }
     ALLOCATOR.peak_usage()

@@ -10,6 +10,7 @@ use io_colmap::{MaskSet, Scene};
 use sos_train::config::{Preset, TrainConfig};
 use sos_train::discover::hint::Click;
 use sos_train::discover::{Discovery, Hint, find_object};
+use sos_train::prepare::mask_faults::MaskFaults;
 use sos_train::prepare::pixels::PixelStore;
 use sos_train::prepare::view::load_views;
 use sos_train::prepare::{Outline, Prepared, TrainView, prepare};
@@ -274,8 +275,11 @@ fn what_lies_in_files_is_learnt_from_as_what_lies_in_memory() {
     let of = |views: Vec<TrainView>| {
         let band = config.loss.ignore_band;
         let mut data = prepare(views, &[], &config.prepare, band).unwrap();
-        let moved = vec![1.5; data.views.len()];
-        data.shift_masks(&moved, &config.prepare, band).unwrap();
+        let faults = MaskFaults {
+            shifts: vec![1.5; data.views.len()],
+            ..MaskFaults::default()
+        };
+        data.correct_masks(&faults, &config.prepare, band).unwrap();
         data
     };
     let in_memory = prepared(folder.path(), &config).views;
@@ -318,8 +322,11 @@ fn masks_are_moved_from_where_they_were_given() {
     let mut data = prepared(folder.path(), &config);
     let given: Vec<_> = data.views.iter().map(|view| view.mask.clone()).collect();
     let mut move_by = |pixels: f32| {
-        let shifts = vec![pixels; given.len()];
-        data.shift_masks(&shifts, &config.prepare, config.loss.ignore_band)
+        let faults = MaskFaults {
+            shifts: vec![pixels; given.len()],
+            ..MaskFaults::default()
+        };
+        data.correct_masks(&faults, &config.prepare, config.loss.ignore_band)
             .unwrap();
         let masks = data.views.iter().map(|view| view.mask.clone());
         (masks.collect::<Vec<_>>(), data.map.values().to_vec())

@@ -119,6 +119,7 @@ fn default() -> TrainConfig {
             crop_threshold: 0.5,
             box_margin: 0.15,
             fit_masks: true,
+            find_openings: true,
         },
         export: ExportConfig {
             edge_rays: 8,
@@ -218,6 +219,7 @@ fn paper() -> TrainConfig {
         },
         prepare: PrepareConfig {
             fit_masks: false,
+            find_openings: false,
             ..base.prepare
         },
         sampling: SamplingConfig {

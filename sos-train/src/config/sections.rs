@@ -263,6 +263,8 @@ pub struct PrepareConfig {
     pub box_margin: f32,
     /// Masks that are too small, or too large, all around are moved to where geometry ends.
     pub fit_masks: bool,
+    /// Where masks seem to fill in openings of the object, they have no vote.
+    pub find_openings: bool,
 }
 
 /// `[export]`: what is written, and how often.

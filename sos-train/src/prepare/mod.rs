@@ -9,6 +9,7 @@ pub mod error;
 pub mod frame;
 pub mod locate;
 pub mod mask;
+pub mod mask_faults;
 pub mod mask_shift;
 pub mod outline;
 pub mod pixels;
@@ -20,7 +21,6 @@ pub mod votes;
 use glam::Vec3;
 use image::GrayImage;
 use io_colmap::SparsePoint;
-use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
 pub use frame::Frame;
@@ -191,50 +191,6 @@ pub fn prepare_with(
         trust,
         notes,
     })
-}
-
-impl Prepared {
-    /// Moves the outline of each view's mask to as many pixels from where it was given, outwards where
-    /// positive, and has the masks vote on space and label the pixels anew. The box stays.
-    ///
-    /// # Errors
-    /// [`PrepareError::Store`] when there is no room for the masks; all stays as it was.
-    pub fn shift_masks(
-        &mut self,
-        shifts: &[f32],
-        config: &PrepareConfig,
-        ignore_band: f32,
-    ) -> Result<(), PrepareError> {
-        if shifts.iter().all(|shift| *shift == 0.0) && self.masks_are_given() {
-            return Ok(());
-        }
-        let given = self.views.par_iter().zip(&self.given_masks).zip(shifts);
-        let views = given
-            .map(|((view, given), shift)| {
-                let view = TrainView {
-                    mask: given.clone(),
-                    ..view.clone()
-                };
-                match given {
-                    Some(given) if *shift != 0.0 => {
-                        view.with_mask(&mask_shift::shifted(given, *shift))
-                    }
-                    _ => Ok(view),
-                }
-            })
-            .collect::<Result<Vec<TrainView>, PrepareError>>()?;
-        let (frame, trust) = (&self.frame, &self.trust);
-        let votes = vote_grid(&views, frame, MAP_RESOLUTION, trust);
-        let map = ProbabilityMap::new(MAP_RESOLUTION, votes);
-        self.outlines = outlines(&views, frame, &map, trust, config, ignore_band);
-        (self.views, self.map) = (views, map);
-        Ok(())
-    }
-
-    fn masks_are_given(&self) -> bool {
-        let mut both = self.views.iter().zip(&self.given_masks);
-        both.all(|(view, given)| view.mask == *given)
-    }
 }
 
 /// The labels of all views.

@@ -59,6 +59,7 @@ impl Label {
 #[derive(Clone, Debug)]
 pub struct Outline {
     width: u32,
+    height: u32,
     /// Whether the view has a mask that is believed.
     masked: bool,
     labels: ByteRuns,
@@ -73,17 +74,32 @@ impl Outline {
         self.labels.in_memory()
     }
 
+    /// Takes the vote from `pixels`: what the mask says there is not believed.
+    pub fn silence(&mut self, pixels: &PixelSpans) {
+        if pixels.is_empty() {
+            return;
+        }
+        let all = 0..self.width * self.height;
+        let mut labels: Vec<u8> = all.map(|i| self.labels.get(i)).collect();
+        for i in pixels.iter() {
+            if let Some(label) = labels.get_mut(i as usize) {
+                *label = SILENT;
+            }
+        }
+        self.labels = ByteRuns::of(&labels);
+    }
+
     /// The label of a pixel.
     #[must_use]
     pub fn label(&self, x: u32, y: u32) -> Label {
         Label::from_byte(self.labels.get(y * self.width + x))
     }
 
-    /// What the view's own mask says at a pixel; `None` without a mask that is believed.
+    /// What the view's own mask says at a pixel; `None` without one that is believed there.
     #[must_use]
     pub fn vote(&self, x: u32, y: u32) -> Option<Vote> {
         let byte = self.labels.get(y * self.width + x);
-        (self.masked && byte != IGNORED).then(|| match Label::from_byte(byte) {
+        (self.masked && byte != SILENT).then(|| match Label::from_byte(byte) {
             Label::Unknown => Vote {
                 object: byte == UNKNOWN_OBJECT,
                 weight: EDGE_VOTE,
@@ -110,8 +126,8 @@ pub struct Vote {
 const EDGE_VOTE: f32 = 0.1;
 /// [`Label::Unknown`] where the own mask says object.
 const UNKNOWN_OBJECT: u8 = 5;
-/// [`Label::Unknown`] where the photo is not to be learned from.
-const IGNORED: u8 = 6;
+/// [`Label::Unknown`] where the photo is not to be learned from, or the mask is not believed.
+const SILENT: u8 = 6;
 
 /// The largest m^P on each pixel's ray, 8 bit, at a `1 / stride` of the photo's size.
 #[must_use]
@@ -226,7 +242,7 @@ pub fn outline(
                 (y as f32 + 0.5) / stride as f32,
             );
             if view.ignores(x, y) {
-                labels[i] = IGNORED;
+                labels[i] = SILENT;
                 continue;
             }
             if hull >= config.hull_threshold {
@@ -257,6 +273,7 @@ pub fn outline(
     }
     Outline {
         width,
+        height,
         masked: mask.is_some(),
         labels: ByteRuns::of(&labels),
         candidates,

@@ -1,7 +1,9 @@
 //! Sets of pixels as runs along rows: an outline's inside takes a few bytes a row, however large.
 
+use serde::{Deserialize, Serialize};
+
 /// A set of a view's pixels, by row-major number.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PixelSpans {
     /// The first pixel of each run, and how many pixels there are in earlier ones.
     starts: Vec<(u32, u32)>,
@@ -22,7 +24,7 @@ impl PixelSpans {
     }
 
     /// Adds a pixel of a higher number than those that are there.
-    pub(super) fn push(&mut self, pixel: u32) {
+    pub(crate) fn push(&mut self, pixel: u32) {
         let follows = self
             .starts
             .last()

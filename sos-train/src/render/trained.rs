@@ -45,7 +45,7 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     };
     let mut trainer = Trainer::new(&config, &data)?;
     trainer.load(run)?;
-    data.shift_masks(trainer.mask_shifts(), &config.prepare, band)?;
+    data.correct_masks(trainer.mask_faults(), &config.prepare, band)?;
     if let Some(photos) = photos {
         // Labels are of the size that was trained on, and no longer asked for.
         data.views = photos;

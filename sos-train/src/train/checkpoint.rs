@@ -17,6 +17,7 @@ use super::Trainer;
 use super::agreement::Agreement;
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
+use crate::prepare::mask_faults::MaskFaults;
 use crate::render::rays::FrozenScene;
 use crate::run_folder::RunFolder;
 
@@ -29,9 +30,6 @@ struct Numbers {
     seconds: f64,
     object_adam_step: u32,
     background_adam_step: u32,
-    /// See [`Trainer::mask_shifts`].
-    #[serde(default)]
-    mask_shifts: Vec<f32>,
 }
 
 const FIELDS: &str = "fields.bpk";
@@ -44,6 +42,7 @@ const VOTES: [&str; 2] = ["object_votes.f32", "votes.f32"];
 const MAP: &str = "probability.f32";
 const AGREEMENT: &str = "agreement.f32";
 const NUMBERS: &str = "numbers.json";
+const MASK_FAULTS: &str = "mask_faults.json";
 
 impl Trainer {
     /// The scene as it is now, for rendering.
@@ -114,8 +113,9 @@ impl Trainer {
             seconds,
             object_adam_step: self.object_adam.steps(),
             background_adam_step: self.background_adam.steps(),
-            mask_shifts: self.mask_shifts.clone(),
         };
+        let faults = serde_json::to_vec(&self.mask_faults)?;
+        fs::write(path(MASK_FAULTS), faults).map_err(|e| unwritable(&path(MASK_FAULTS), &e))?;
         let text = serde_json::to_vec_pretty(&numbers)?;
         fs::write(path(NUMBERS), text).map_err(|e| unwritable(&path(NUMBERS), &e))?;
         // What took the old one's place without being on the disk yet would be lost with it.
@@ -144,6 +144,9 @@ impl Trainer {
         let text = fs::read(path(NUMBERS)).map_err(|e| unusable(path(NUMBERS), &e))?;
         let numbers: Numbers =
             serde_json::from_slice(&text).map_err(|e| unusable(path(NUMBERS), &e))?;
+        let text = fs::read(path(MASK_FAULTS)).map_err(|e| unusable(path(MASK_FAULTS), &e))?;
+        let faults: MaskFaults =
+            serde_json::from_slice(&text).map_err(|e| unusable(path(MASK_FAULTS), &e))?;
         let record = ModuleRecord::load(path(FIELDS)).map_err(|e| unusable(path(FIELDS), &e))?;
         let scene = self.scene.clone().try_load_record(record);
         self.scene = scene.map_err(|e| unusable(path(FIELDS), &e))?;
@@ -198,8 +201,7 @@ impl Trainer {
             })?;
         self.step = numbers.step;
         self.rays = numbers.rays;
-        self.mask_shifts = numbers.mask_shifts;
-        self.mask_shifts.resize(views, 0.0);
+        self.mask_faults = faults;
         self.rate_scale = numbers.rate_scale;
         self.outlook.forget();
         Ok(numbers.seconds)
@@ -211,15 +213,15 @@ impl Trainer {
     /// # Errors
     /// When the checkpoint cannot be read.
     pub fn recover(&mut self, run: &RunFolder, data: &Prepared) -> anyhow::Result<()> {
-        let (scale, shifts) = (self.rate_scale, self.mask_shifts.clone());
+        let (scale, faults) = (self.rate_scale, self.mask_faults.clone());
         if run.checkpoint_dir().exists() {
             self.load(run)?;
         } else {
             *self = Self::new(&self.config().clone(), data)?;
         }
         self.rate_scale = 0.5 * scale;
-        // The masks stay where they have been moved.
-        self.mask_shifts = shifts;
+        // The masks stay as they have been corrected.
+        self.mask_faults = faults;
         Ok(())
     }
 }

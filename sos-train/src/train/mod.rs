@@ -32,6 +32,7 @@ use scene_decomp::{Scene, Sharpness, SurfaceVotes};
 
 use crate::config::{Fields, ProbabilitySource, TrainConfig};
 use crate::prepare::Prepared;
+use crate::prepare::mask_faults::MaskFaults;
 use agreement::Agreement;
 use batch::{MarchedBatch, Partition};
 use clock::{Phase, StepClock};
@@ -78,8 +79,8 @@ pub struct Trainer {
     agreement: Agreement,
     /// Of each view's mask with its photo; empty until somebody asks.
     mask_contrasts: Vec<Option<f32>>,
-    /// By how many pixels each view's mask was moved outwards.
-    mask_shifts: Vec<f32>,
+    /// What geometry has shown to be wrong with the masks.
+    mask_faults: MaskFaults,
     sampler: Sampler,
     outlook: Outlook,
     step: u32,
@@ -266,10 +267,10 @@ impl Trainer {
         report
     }
 
-    /// By how many pixels the outline of each view's mask has been moved outwards since the start.
+    /// What geometry has shown to be wrong with the masks since the start.
     #[must_use]
-    pub fn mask_shifts(&self) -> &[f32] {
-        &self.mask_shifts
+    pub fn mask_faults(&self) -> &MaskFaults {
+        &self.mask_faults
     }
 
     /// Where the time of all steps so far has gone.

@@ -88,8 +88,8 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     if job.resume {
         earlier_seconds = trainer.load(&job.run)?;
         let config = &job.config;
-        data.shift_masks(
-            trainer.mask_shifts(),
+        data.correct_masks(
+            trainer.mask_faults(),
             &config.prepare,
             config.loss.ignore_band,
         )?;
@@ -299,8 +299,8 @@ fn train(
     let mut paused = Duration::ZERO;
     let elapsed = |paused: Duration| earlier_seconds + (started.elapsed() - paused).as_secs_f64();
     while trainer.step_number() < config.steps {
-        let fitted = match trainer.fit_masks(data) {
-            Ok(fitted) => fitted,
+        let faults = match trainer.correct_masks(data) {
+            Ok(faults) => faults,
             Err(error) => {
                 // A run goes on from here once there is room again.
                 trainer.save(&job.run, elapsed(paused))?;
@@ -308,7 +308,7 @@ fn train(
             }
         };
         let edges = trainer.contrast_note(data);
-        for note in fitted
+        for note in faults
             .into_iter()
             .chain(trainer.majority_note())
             .chain(edges)

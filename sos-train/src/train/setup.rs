@@ -16,6 +16,7 @@ use crate::config::{Fields, Interpolation, TrainConfig, Transparency};
 use crate::device::{ChosenDevice, choose};
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
+use crate::prepare::mask_faults::MaskFaults;
 
 /// Growth from level to level when their number is left to us.
 const GROWTH: f32 = 1.5;
@@ -161,7 +162,7 @@ impl Trainer {
             votes: SurfaceVotes::new(scene.map.resolution()),
             agreement: Agreement::new(scene.views.len()),
             mask_contrasts: Vec::new(),
-            mask_shifts: vec![0.0; scene.views.len()],
+            mask_faults: MaskFaults::default(),
             sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
             step: 0,
             rays: config.sampling.rays as f32,

@@ -7,10 +7,9 @@
 //! says where it ends, and all err alike. So the error is measured at the first kind of outline, and taken
 //! out all around.
 
-use scene_decomp::SurfaceVotes;
 use scene_decomp::probability::ProbabilityMap;
 
-use super::depth::{DepthPicture, depth_picture, depth_pictures};
+use super::depth::{DepthPicture, depth_picture};
 use crate::median::median;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask_shift::outline_distance;
@@ -37,36 +36,27 @@ const ALIKE: f32 = 0.75;
 const ROUNDS: usize = 3;
 
 impl Trainer {
-    /// Just before the carving, moves outlines of masks that are all too small, or all too large, to
-    /// where geometry says they are. Returns what was done, for people; `None` if nothing.
-    ///
-    /// # Errors
-    /// [`PrepareError::Store`] when there is no room for them.
-    pub fn fit_masks(&mut self, data: &mut Prepared) -> Result<Option<String>, PrepareError> {
+    /// Moves outlines of masks that are all too small, or all too large, to where geometry says they are. Returns what
+    /// was done, for people; `None` if nothing.
+    pub(super) fn fit_masks(
+        &mut self,
+        scene: &FrozenScene,
+        data: &mut Prepared,
+    ) -> Result<Option<String>, PrepareError> {
         let config = self.config().clone();
-        if !config.prepare.fit_masks || !self.is_carving_due() {
-            return Ok(None);
-        }
-        let scene = self.freeze_before();
-        let before = self.mask_shifts.clone();
+        let before = self.mask_faults.clone();
         let mut map = self.probability(data);
         for _ in 0..ROUNDS {
-            let Some(shifts) = errors(&scene, data, &map, config.prepare.crop_threshold) else {
+            let Some(shifts) = errors(scene, data, &map, config.prepare.crop_threshold) else {
                 break;
             };
-            for (total, shift) in self.mask_shifts.iter_mut().zip(shifts) {
-                *total += shift;
-            }
-            data.shift_masks(&self.mask_shifts, &config.prepare, config.loss.ignore_band)?;
-            self.votes = cast(
-                data,
-                &depth_pictures(&scene, data, super::RAYS),
-                map.resolution(),
-            );
+            self.mask_faults.shift_by(&shifts);
+            data.correct_masks(&self.mask_faults, &config.prepare, config.loss.ignore_band)?;
+            self.vote_anew(scene, data);
             map = self.probability(data);
         }
-        let moved = self.mask_shifts.iter().zip(before);
-        let moved = moved.map(|(now, before)| now - before);
+        let moved =
+            (0..data.views.len()).map(|view| self.mask_faults.shift(view) - before.shift(view));
         let mut sizes: Vec<f32> = moved.filter(|by| *by != 0.0).collect();
         let Some(middle) = median(&mut sizes) else {
             return Ok(None);
@@ -193,34 +183,6 @@ fn ends(picture: &DepthPicture, objects: &[Option<bool>]) -> Vec<(usize, usize)>
         }
     }
     out
-}
-
-/// What all masks say about the surfaces that their pixels show.
-fn cast(data: &Prepared, depths: &[DepthPicture], resolution: usize) -> SurfaceVotes {
-    let mut votes = SurfaceVotes::new(resolution);
-    for ((view, depth), outline) in data.views.iter().zip(depths).zip(&data.outlines) {
-        let world_from_camera = view.world_from_camera(&data.frame);
-        for (i, &distance) in depth.distances.iter().enumerate() {
-            if !distance.is_finite() {
-                continue;
-            }
-            let pixel = depth.pixel(i);
-            let (x, y) = (pixel.x as u32, pixel.y as u32);
-            if x >= view.width() || y >= view.height() {
-                continue;
-            }
-            if let (Some(vote), Some(ray)) =
-                (outline.vote(x, y), view.ray(&world_from_camera, pixel))
-            {
-                votes.add(
-                    ray.origin + distance * ray.direction,
-                    vote.weight,
-                    vote.object,
-                );
-            }
-        }
-    }
-    votes
 }
 
 #[cfg(test)]

@@ -6,11 +6,13 @@
 //! depths seen from all views are fused into a signed distance ([`fusion`]), and FoCoR starts from
 //! there ([`fit`]); BaCo is cropped, and both go on together.
 
+pub mod cast;
 pub mod crumbs;
 pub mod depth;
 pub mod fit;
 pub mod fusion;
 pub mod mask_fit;
+pub mod openings;
 
 use scene_decomp::probability::ProbabilityMap;
 
@@ -18,6 +20,7 @@ use super::{Trainer, schedule};
 use crate::config::{Fields, Majority};
 use crate::distance::signed_distance;
 use crate::prepare::Prepared;
+use crate::prepare::error::PrepareError;
 use crate::render::rays::FrozenScene;
 
 /// Rays whose depths are fused, in all views together, at most.
@@ -31,6 +34,27 @@ const DEEPEST: f32 = 1.25;
 const SMALLEST_PART: f32 = 0.01;
 
 impl Trainer {
+    /// Just before the carving, corrects what geometry shows to be wrong with the masks. Returns what was done, for people.
+    ///
+    /// # Errors
+    /// [`PrepareError::Store`] when there is no room for the masks.
+    pub fn correct_masks(&mut self, data: &mut Prepared) -> Result<Vec<String>, PrepareError> {
+        let config = self.config().prepare.clone();
+        let asked = config.fit_masks || config.find_openings;
+        if !asked || !self.is_carving_due() {
+            return Ok(Vec::new());
+        }
+        let scene = self.freeze_before();
+        let mut notes = Vec::new();
+        if config.fit_masks {
+            notes.extend(self.fit_masks(&scene, data)?);
+        }
+        if config.find_openings {
+            notes.extend(self.find_openings(&scene, data));
+        }
+        Ok(notes)
+    }
+
     /// Ends BaCo's time alone: m^P from the votes, FoCoR's shape from BaCo's depths.
     pub(super) fn carve(&mut self, data: &Prepared) {
         let depths = depth::depth_pictures(&self.freeze_before(), data, RAYS);
