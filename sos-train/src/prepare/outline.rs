@@ -8,6 +8,7 @@ use scene_decomp::probability::ProbabilityMap;
 
 use super::frame::Frame;
 use super::mask::Mask;
+use super::mask_shift::outline_distance;
 use super::runs::ByteRuns;
 use super::spans::PixelSpans;
 use super::view::TrainView;
@@ -101,8 +102,11 @@ impl Outline {
         let byte = self.labels.get(y * self.width + x);
         (self.masked && byte != SILENT).then(|| match Label::from_byte(byte) {
             Label::Unknown => Vote {
-                object: byte == UNKNOWN_OBJECT,
-                weight: EDGE_VOTE,
+                object: byte == UNKNOWN_OBJECT || byte == THIN_OBJECT,
+                weight: match byte {
+                    THIN_OBJECT | THIN_GAP => 1.0,
+                    _ => EDGE_VOTE,
+                },
             },
             label => Vote {
                 object: label.target().0 > 0.5,
@@ -128,6 +132,10 @@ const EDGE_VOTE: f32 = 0.1;
 const UNKNOWN_OBJECT: u8 = 5;
 /// [`Label::Unknown`] where the photo is not to be learned from, or the mask is not believed.
 const SILENT: u8 = 6;
+/// [`Label::Unknown`] in the middle of a part that is as thin as the edge, and in the middle of such a gap: nothing of it lies
+/// farther inside, so that these pixels vote in full.
+const THIN_OBJECT: u8 = 7;
+const THIN_GAP: u8 = 8;
 
 /// The largest m^P on each pixel's ray, 8 bit, at a `1 / stride` of the photo's size.
 #[must_use]
@@ -231,6 +239,7 @@ pub fn outline(
     let (width, height) = (view.width(), view.height());
     let mask = view.mask.as_ref().filter(|_| trust >= 0.5);
     let edge = mask.map(|mask| near_edge(mask, band));
+    let thin = mask.map(|mask| middles(mask, band)).unwrap_or_default();
     let mut labels = vec![0u8; (width * height) as usize];
     let mut candidates = PixelSpans::default();
     for y in 0..height {
@@ -266,6 +275,13 @@ pub fn outline(
             };
             let own = mask.is_some_and(|mask| mask.contains(x, y));
             labels[i] = match label {
+                Label::Unknown if thin.get(i) == Some(&true) => {
+                    if own {
+                        THIN_OBJECT
+                    } else {
+                        THIN_GAP
+                    }
+                }
                 Label::Unknown if own => UNKNOWN_OBJECT,
                 label => label as u8,
             };
@@ -296,6 +312,33 @@ fn bilinear(image: &GrayImage, x: f32, y: f32) -> f32 {
     let top = at(0, 0) + tx * (at(1, 0) - at(0, 0));
     let bottom = at(0, 1) + tx * (at(1, 1) - at(0, 1));
     top + ty * (bottom - top)
+}
+
+/// Pixels within `band` of the mask's outline that nothing around them lies farther from, on their side: the middle of
+/// what is thin.
+fn middles(mask: &Mask, band: u32) -> Vec<bool> {
+    /// Pixels to each side that are compared.
+    const AROUND: usize = 2;
+    /// Distances that count as equal, in pixels: in a part of an even width no pixel lies in the middle.
+    const SLACK: f32 = 0.25;
+    let distances = outline_distance(mask, band + 1);
+    let (w, h) = (mask.width() as usize, mask.height() as usize);
+    (0..w * h)
+        .into_par_iter()
+        .map(|i| {
+            let (x, y, own) = (i % w, i / w, distances[i]);
+            if own.abs() > band as f32 + 0.5 {
+                return false;
+            }
+            let mut rows = y.saturating_sub(AROUND)..(y + AROUND + 1).min(h);
+            let columns = x.saturating_sub(AROUND)..(x + AROUND + 1).min(w);
+            rows.all(|y| {
+                let row = &distances[y * w..][columns.clone()];
+                row.iter()
+                    .all(|other| other * own.signum() <= own.abs() + SLACK)
+            })
+        })
+        .collect()
 }
 
 /// Pixels within `band` (in the sense of a square window) of a pixel of the other kind.
@@ -329,4 +372,38 @@ fn near_edge(mask: &Mask, band: u32) -> Vec<bool> {
             sums[i] > 0 && sums[i] < full
         })
         .collect()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use image::Luma;
+
+    use super::super::pixels::PixelStore;
+    use super::*;
+
+    #[test]
+    fn thin_parts_and_gaps_have_a_middle_and_outlines_of_large_ones_none() {
+        // A block with bars of three and two pixels on it, and a slit of three pixels in it.
+        let object = |x: u32, y: u32| match (x, y) {
+            (20..=22, 30..=59) => false,
+            (10..=39, 20..=59) => true,
+            (12..=14, 4..=19) | (24..=25, 4..=19) => true,
+            _ => false,
+        };
+        let picture = GrayImage::from_fn(50, 70, |x, y| Luma([if object(x, y) { 255 } else { 0 }]));
+        let store = PixelStore::new(&std::env::temp_dir());
+        let mask = Mask::of_white(&picture, &store).unwrap();
+        let middles = middles(&mask, 3);
+        let is_middle = |x: u32, y: u32| middles[(y * 50 + x) as usize];
+        for y in 8..16 {
+            let row: Vec<u32> = (10..30).filter(|&x| is_middle(x, y)).collect();
+            assert_eq!(row, [13, 24, 25], "bars, row {y}");
+        }
+        for y in 36..54 {
+            let row: Vec<u32> = (0..50).filter(|&x| is_middle(x, y)).collect();
+            assert_eq!(row, [21], "slit, row {y}");
+        }
+        assert!((26..36).all(|x| !is_middle(x, 59) && !is_middle(x, 60)));
+    }
 }
