@@ -3,27 +3,33 @@
 use glam::DVec3;
 
 use crate::clutter::Clutter;
-use crate::room::Furniture;
+use crate::kind::SceneKind;
+use crate::room::{Furniture, Top};
 
 /// Foot of the target on the table and its turn in degrees.
 pub(crate) const TARGET_PLACE: (DVec3, f64) = (DVec3::new(0.0, -0.01, 0.0), 24.0);
 
 /// Piece, middle, turn in degrees, half extents.
-pub(crate) fn furniture() -> Vec<(Furniture, DVec3, f64, DVec3)> {
+pub(crate) fn furniture(kind: SceneKind) -> Vec<(Furniture, DVec3, f64, DVec3)> {
     let v = DVec3::new;
+    let top = match kind {
+        SceneKind::Can | SceneKind::OneSide => Top::Wood,
+        SceneKind::Thin => Top::Rug,
+        SceneKind::Plain => Top::Plain,
+    };
+    // Middle and half extents; from one side it stands just behind the table.
+    let shelf = match kind {
+        SceneKind::OneSide => (v(0.1, 0.90, 0.05), v(1.0, 0.16, 0.80)),
+        _ => (v(0.25, 2.04, -0.10), v(1.0, 0.16, 0.65)),
+    };
     let mut pieces = vec![
         (
-            Furniture::TableTop,
+            Furniture::TableTop(top),
             v(0.0, 0.0, -0.016),
             0.0,
             v(0.75, 0.5, 0.016),
         ),
-        (
-            Furniture::Bookshelf,
-            v(0.25, 2.04, -0.10),
-            0.0,
-            v(1.0, 0.16, 0.65),
-        ),
+        (Furniture::Bookshelf, shelf.0, 0.0, shelf.1),
         (
             Furniture::Sideboard,
             v(-2.06, -0.1, -0.35),
@@ -98,7 +104,10 @@ pub(crate) fn furniture() -> Vec<(Furniture, DVec3, f64, DVec3)> {
 }
 
 /// Thing, place of its foot and turn in degrees.
-pub(crate) fn clutter() -> Vec<(Clutter, DVec3, f64)> {
+pub(crate) fn clutter(kind: SceneKind) -> Vec<(Clutter, DVec3, f64)> {
+    if matches!(kind, SceneKind::Thin | SceneKind::Plain) {
+        return Vec::new();
+    }
     use Clutter::{Apple, Mug, Orange};
     let v = DVec3::new;
     let book = |x, y, z, cover| {

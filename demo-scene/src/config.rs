@@ -1,8 +1,13 @@
 //! Size and randomness of a scene.
 
+use crate::kind::SceneKind;
+
 /// What to generate. The default is the demo the training binary uses.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct DemoConfig {
+    /// Which scene.
+    #[serde(default)]
+    pub kind: SceneKind,
     /// Number of photographs.
     pub views: usize,
     /// Image width in pixels.
@@ -24,6 +29,7 @@ impl Default for DemoConfig {
     /// 28 views of 320 x 240.
     fn default() -> Self {
         Self {
+            kind: SceneKind::Can,
             views: 28,
             width: 320,
             height: 240,

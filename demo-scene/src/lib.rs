@@ -36,7 +36,8 @@
 //! | module | idea |
 //! |---|---|
 //! | `config`, `scene`, `write`, `error` | what to make, the result, the folder it becomes |
-//! | `watering_can`, `clutter`, `room` | shapes and paint of the things |
+//! | `kind` | which scene: the demo, or one that is hard in a way of its own |
+//! | `subject`, `watering_can`, `chair`, `clutter`, `room` | shapes and paint of the things |
 //! | `prop`, `arrangement`, `stage` | a thing at its place, which places, what a ray meets |
 //! | `primitives`, `noise`, `paint` | distances, lattice noise and random numbers, colours |
 //! | `orbit`, `camera`, `lighting`, `film`, `render` | from stage to pictures |
@@ -44,12 +45,14 @@
 
 mod arrangement;
 mod camera;
+mod chair;
 mod clutter;
 mod coarse;
 mod colmap_text;
 mod config;
 mod error;
 mod film;
+mod kind;
 mod lighting;
 mod mask;
 mod noise;
@@ -62,6 +65,7 @@ mod room;
 mod scene;
 mod sparse;
 mod stage;
+mod subject;
 mod target;
 mod watering_can;
 mod write;
@@ -69,6 +73,7 @@ mod write;
 pub use camera::Camera;
 pub use config::DemoConfig;
 pub use error::DemoError;
+pub use kind::SceneKind;
 pub use scene::{DemoScene, DemoView, generate};
 pub use sparse::{Observation, SparsePoint};
 pub use stage::TABLE_CENTRE;

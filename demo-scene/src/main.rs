@@ -5,14 +5,14 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::{Parser, value_parser};
-use demo_scene::{DemoConfig, check_vacant, generate};
+use demo_scene::{DemoConfig, SceneKind, check_vacant, generate};
 
 /// What clap ends with too.
 const BAD_INPUT: u8 = 2;
 /// Pixels a side, at most: the pictures of all views are in memory together.
 const MOST_PIXELS: i64 = 8192;
 
-/// Generate the demo scene: photos of a watering can with exact ground truth.
+/// Generate the demo scene, photos of a watering can with exact ground truth, or one that is harder.
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
@@ -30,6 +30,9 @@ struct Arguments {
     /// Seed of cameras, noise and mask flaws.
     #[arg(long)]
     seed: Option<u64>,
+    /// Which scene.
+    #[arg(long, value_enum, default_value_t)]
+    kind: SceneKind,
     /// Start from the miniature instead of the full demo.
     #[arg(long)]
     tiny: bool,
@@ -48,6 +51,7 @@ fn main() -> ExitCode {
         DemoConfig::default()
     };
     let config = DemoConfig {
+        kind: arguments.kind,
         views: arguments.views.map_or(base.views, usize::from),
         width: arguments.width.unwrap_or(base.width),
         height: arguments.height.unwrap_or(base.height),

@@ -1,20 +1,26 @@
-//! Where the photographs are taken from: once around the table, handheld.
+//! Where the photographs are taken from: once around the table, or from one side of it, handheld.
 
 use glam::DVec3;
 
 use crate::camera::Camera;
 use crate::config::DemoConfig;
+use crate::kind::SceneKind;
 use crate::noise::Rng;
 use crate::stage::{Stage, TABLE_CENTRE, TARGET};
 
 /// Focal length in image widths: a horizontal field of view of about 48 degrees.
 const FOCAL_PER_WIDTH: f64 = 1.12;
 
-/// The cameras of a scene, in order around the target.
+/// The cameras of a scene, in order around the target, or from left to right.
 pub(crate) fn cameras(stage: &Stage, config: &DemoConfig) -> Vec<Camera> {
     let target = TABLE_CENTRE + stage.props[TARGET].centre;
     let mut rng = Rng::new(config.seed, 0x0_b17);
     let count = config.views.max(1);
+    if config.kind == SceneKind::OneSide {
+        return (0..count)
+            .map(|i| from_one_side(target, i, config, &mut rng))
+            .collect();
+    }
     (0..count)
         .map(|i| {
             let turn = (i as f64 + rng.range(-0.22, 0.22)) / count as f64 * core::f64::consts::TAU;
@@ -36,4 +42,18 @@ pub(crate) fn cameras(stage: &Stage, config: &DemoConfig) -> Vec<Camera> {
             Camera::looking_at((config.width, config.height), focal, eye, aim, roll)
         })
         .collect()
+}
+
+/// One of the cameras on a patch 20 cm wide and 16 cm high, 75 cm before the target.
+fn from_one_side(target: DVec3, i: usize, config: &DemoConfig, rng: &mut Rng) -> Camera {
+    let golden = (i as f64 + 0.5) * 0.618_033_988_749_895;
+    let right = (i as f64 + 0.5) / config.views.max(1) as f64 - 0.5;
+    let up = golden - golden.floor() - 0.5;
+    let away = -0.75 + rng.range(-0.02, 0.02);
+    let eye = target + DVec3::new(0.20 * right, away, 0.17 + 0.16 * up);
+    let mut shake = |by: f64| rng.range(-by, by);
+    let aim = target + DVec3::new(shake(0.03), shake(0.02), shake(0.02) + 0.005);
+    let roll = shake(0.03);
+    let focal = FOCAL_PER_WIDTH * f64::from(config.width);
+    Camera::looking_at((config.width, config.height), focal, eye, aim, roll)
 }

@@ -6,12 +6,12 @@ use crate::clutter::Clutter;
 use crate::paint::Material;
 use crate::primitives::rounded_box;
 use crate::room::Furniture;
-use crate::watering_can;
+use crate::subject::Subject;
 
 /// What stands on the stage.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Thing {
-    Target,
+    Target(Subject),
     Clutter(Clutter),
     Furniture(Furniture),
 }
@@ -69,9 +69,10 @@ impl Prop {
         self.outward(p) + self.origin
     }
 
-    fn local_sdf(&self, p: DVec3) -> f64 {
+    /// Signed distance of a point of the thing's own frame.
+    pub(crate) fn local_sdf(&self, p: DVec3) -> f64 {
         match &self.thing {
-            Thing::Target => watering_can::sdf(p),
+            Thing::Target(subject) => subject.sdf(p),
             Thing::Clutter(clutter) => clutter.sdf(p),
             Thing::Furniture(_) => rounded_box(p - self.middle, self.half, 0.0),
         }
@@ -85,7 +86,7 @@ impl Prop {
     /// Signed distance as if hollow things were solid.
     pub(crate) fn filled_sdf(&self, p: DVec3) -> f64 {
         match &self.thing {
-            Thing::Target => watering_can::filled_sdf(self.local(p)),
+            Thing::Target(subject) => subject.filled_sdf(self.local(p)),
             Thing::Clutter(clutter) => clutter.filled_sdf(self.local(p)),
             Thing::Furniture(_) => self.sdf(p),
         }
@@ -163,7 +164,7 @@ impl Prop {
     pub(crate) fn material(&self, p: DVec3, n: DVec3) -> Material {
         let (q, m) = (self.local(p), self.inward(n));
         match &self.thing {
-            Thing::Target => watering_can::material(q),
+            Thing::Target(subject) => subject.material(q),
             Thing::Clutter(clutter) => clutter.material(q, m),
             Thing::Furniture(piece) => piece.material(q - self.middle, m, self.half),
         }

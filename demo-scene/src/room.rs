@@ -10,10 +10,20 @@ use crate::paint::{Material, mix, mottle, rgb};
 pub(crate) const ROOM_LOW: DVec3 = DVec3::new(-2.3, -2.0, -0.75);
 pub(crate) const ROOM_HIGH: DVec3 = DVec3::new(2.1, 2.2, 1.85);
 
+/// What a table's top is of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Top {
+    Wood,
+    /// Covered with a rug.
+    Rug,
+    /// One colour.
+    Plain,
+}
+
 /// A box-shaped piece of furniture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Furniture {
-    TableTop,
+    TableTop(Top),
     TableLeg,
     Bookshelf,
     Sideboard,
@@ -26,7 +36,13 @@ impl Furniture {
     /// Colour at `p`, relative to the centre of the piece, with normal `n`.
     pub(crate) fn material(self, p: DVec3, n: DVec3, half: DVec3) -> Material {
         match self {
-            Self::TableTop => table_wood(p, n),
+            Self::TableTop(Top::Wood) => table_wood(p, n),
+            Self::TableTop(Top::Rug) => Material::matt(rug_pile(p.truncate(), 0.5)),
+            Self::TableTop(Top::Plain) => Material {
+                albedo: rgb(0xbfb095),
+                gloss: 0.05,
+                sharpness: 4,
+            },
             Self::TableLeg => Material::matt(mix(
                 rgb(0x5f3a20),
                 rgb(0x3f2514),
@@ -225,6 +241,15 @@ fn picture(p: DVec3, half: DVec3) -> Material {
         scene
     };
     Material::matt(mottle(colour, p, 0.014, 0.25, 253))
+}
+
+/// Colour of a shell without any pattern.
+pub(crate) fn plain_shell_material(n: DVec3) -> Material {
+    Material::matt(if n.z > 0.5 {
+        rgb(0x8a8378)
+    } else {
+        rgb(0xcfc8ba)
+    })
 }
 
 /// Colour of the room's shell at `p` with inward normal `n`.

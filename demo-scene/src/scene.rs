@@ -46,7 +46,7 @@ pub struct DemoScene {
 /// Renders the scene: the same configuration gives the same bytes on every run.
 #[must_use]
 pub fn generate(config: &DemoConfig) -> DemoScene {
-    let stage = Stage::new();
+    let stage = Stage::new(config.kind);
     let cameras = cameras(&stage, config);
     let mut views: Vec<DemoView> = cameras
         .iter()
@@ -71,14 +71,14 @@ pub fn generate(config: &DemoConfig) -> DemoScene {
         .collect();
     let masks = coarse_masks(&pictures, config.seed);
     let photos: Vec<_> = views.iter().map(|view| &view.photo).collect();
-    let points = sparse_points(&stage, &cameras, &photos, config.sparse_points, config.seed);
+    let points = sparse_points(&stage, &cameras, &photos, config);
     for (view, mask) in views.iter_mut().zip(masks) {
         view.coarse_mask = mask;
     }
     DemoScene {
         views,
         points,
-        mesh: mesh(config.mesh_cell),
+        mesh: mesh(&stage, config.mesh_cell),
     }
 }
 

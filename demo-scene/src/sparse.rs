@@ -4,6 +4,8 @@ use glam::{DVec2, DVec3};
 use image::RgbImage;
 
 use crate::camera::Camera;
+use crate::config::DemoConfig;
+use crate::kind::SceneKind;
 use crate::noise::Rng;
 use crate::prop::Thing;
 use crate::room::Furniture;
@@ -30,7 +32,14 @@ pub struct SparsePoint {
 }
 
 /// Shares of the points: target, clutter, table top, everything else.
-const SHARES: [f64; 4] = [0.32, 0.28, 0.20, 0.20];
+fn shares(kind: SceneKind) -> [f64; 4] {
+    match kind {
+        SceneKind::Can | SceneKind::OneSide | SceneKind::Thin => [0.32, 0.28, 0.20, 0.20],
+        // Structure from motion finds next to nothing where nothing has texture.
+        SceneKind::Plain => [0.03, 0.0, 0.01, 0.96],
+    }
+}
+
 const SHORTEST_TRACK: usize = 3;
 /// A traced ray stops within 0.1 mm of a surface; seen at the least cosine that is half a
 /// millimetre along the ray, doubled for curvature.
@@ -39,24 +48,24 @@ const VISIBLE_WITHIN: f64 = 1e-3;
 
 fn class(stage: &Stage, hit: &Hit) -> usize {
     match hit.prop.map(|index| &stage.props[index].thing) {
-        Some(Thing::Target) => 0,
+        Some(Thing::Target(_)) => 0,
         Some(Thing::Clutter(_)) => 1,
-        Some(Thing::Furniture(Furniture::TableTop)) => 2,
+        Some(Thing::Furniture(Furniture::TableTop(_))) => 2,
         _ => 3,
     }
 }
 
-/// Draws up to `wanted` points through random pixels of random views.
+/// Draws up to as many points as are wanted, through random pixels of random views.
 pub(crate) fn sparse_points(
     stage: &Stage,
     cameras: &[Camera],
     photos: &[&RgbImage],
-    wanted: usize,
-    seed: u64,
+    config: &DemoConfig,
 ) -> Vec<SparsePoint> {
     debug_assert_eq!(TARGET, 0);
+    let (wanted, seed) = (config.sparse_points, config.seed);
     let mut rng = Rng::new(seed, 0x5fa6);
-    let mut room = SHARES.map(|share| (share * wanted as f64).ceil() as usize);
+    let mut room = shares(config.kind).map(|share| (share * wanted as f64).ceil() as usize);
     let mut points = Vec::with_capacity(wanted);
     for attempt in 0..wanted * 60 {
         if points.len() >= wanted || cameras.is_empty() {

@@ -6,10 +6,11 @@
 use glam::DVec3;
 
 use crate::arrangement;
+use crate::kind::SceneKind;
 use crate::paint::Material;
 use crate::prop::{Prop, Thing};
-use crate::room::{ROOM_HIGH, ROOM_LOW, shell_material};
-use crate::watering_can;
+use crate::room::{ROOM_HIGH, ROOM_LOW, plain_shell_material, shell_material};
+use crate::subject::Subject;
 
 /// World coordinates (metres, z up) of the middle of the table top: the scene is deliberately
 /// not centred at the origin.
@@ -38,20 +39,21 @@ pub(crate) struct Hit {
 #[derive(Clone, Debug)]
 pub(crate) struct Stage {
     pub(crate) props: Vec<Prop>,
+    kind: SceneKind,
 }
 
 /// The target comes first.
 pub(crate) const TARGET: usize = 0;
 
 impl Stage {
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new(kind: SceneKind) -> Self {
         let mut props = vec![Prop::new(
-            Thing::Target,
+            Thing::Target(Subject::of(kind)),
             arrangement::TARGET_PLACE.0,
             arrangement::TARGET_PLACE.1,
-            (watering_can::HALF, watering_can::CENTRE),
+            Subject::BOUNDS,
         )];
-        for (piece, middle, degrees, half) in arrangement::furniture() {
+        for (piece, middle, degrees, half) in arrangement::furniture(kind) {
             props.push(Prop::new(
                 Thing::Furniture(piece),
                 middle,
@@ -59,11 +61,11 @@ impl Stage {
                 (half, DVec3::ZERO),
             ));
         }
-        for (clutter, foot, degrees) in arrangement::clutter() {
+        for (clutter, foot, degrees) in arrangement::clutter(kind) {
             let thing = Thing::Clutter(clutter);
             props.push(Prop::new(thing, foot, degrees, clutter.bounds()));
         }
-        Self { props }
+        Self { props, kind }
     }
 
     pub(crate) fn target(&self) -> &Prop {
@@ -99,6 +101,7 @@ impl Stage {
     pub(crate) fn material(&self, hit: &Hit) -> Material {
         match hit.prop {
             Some(index) => self.props[index].material(hit.point, hit.normal),
+            None if self.kind == SceneKind::Plain => plain_shell_material(hit.normal),
             None => shell_material(hit.point, hit.normal),
         }
     }
@@ -133,14 +136,15 @@ mod tests {
     /// Every thing on the table stands apart from the target.
     #[test]
     fn nothing_runs_into_the_target() {
-        let stage = Stage::new();
+        let stage = Stage::new(SceneKind::Can);
         let target = stage.target();
+        let (half, centre) = Subject::BOUNDS;
         let steps = |half: f64| (0..=40).map(move |i| half * (f64::from(i) / 20.0 - 1.0));
         for (index, prop) in stage.props.iter().enumerate().skip(1) {
-            for x in steps(watering_can::HALF.x) {
-                for y in steps(watering_can::HALF.y) {
-                    for z in steps(watering_can::HALF.z) {
-                        let p = target.place(watering_can::CENTRE + DVec3::new(x, y, z));
+            for x in steps(half.x) {
+                for y in steps(half.y) {
+                    for z in steps(half.z) {
+                        let p = target.place(centre + DVec3::new(x, y, z));
                         let clear = target.sdf(p) > 0.0 || prop.sdf(p) > -1e-9;
                         assert!(clear, "prop {index} meets the target at {p}");
                     }
@@ -151,7 +155,7 @@ mod tests {
 
     #[test]
     fn rays_stop_on_surfaces() {
-        let stage = Stage::new();
+        let stage = Stage::new(SceneKind::Can);
         let eye = DVec3::new(0.5, -0.4, 0.4);
         for i in 0..400 {
             let aim = DVec3::new(

@@ -7,8 +7,9 @@ use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::kind::SceneKind;
 use crate::stage::{Stage, TABLE_CENTRE};
-use crate::watering_can;
+use crate::subject::Subject;
 
 /// A closed triangle mesh; triangles are counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,10 +22,10 @@ pub struct Mesh {
 
 fn stage() -> &'static Stage {
     static STAGE: OnceLock<Stage> = OnceLock::new();
-    STAGE.get_or_init(Stage::new)
+    STAGE.get_or_init(|| Stage::new(SceneKind::Can))
 }
 
-/// Signed distance from a world point (metres) to the target's surface, negative inside the
+/// Signed distance from a world point (metres) to the watering can's surface, negative inside the
 /// material: zero exactly on the surface, elsewhere at most the true distance.
 ///
 /// ```
@@ -37,13 +38,13 @@ pub fn target_sdf(p: DVec3) -> f64 {
     stage().target().sdf(p - TABLE_CENTRE)
 }
 
-/// Lower and upper corner of a world-aligned box around the target, metres.
+/// Lower and upper corner of a world-aligned box around the target, whichever it is, metres.
 #[must_use]
 pub fn target_bounds() -> (DVec3, DVec3) {
     let corner = |i: u32| {
         let side = |bit: u32| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
-        let local =
-            watering_can::CENTRE + watering_can::HALF * DVec3::new(side(0), side(1), side(2));
+        let (half, centre) = Subject::BOUNDS;
+        let local = centre + half * DVec3::new(side(0), side(1), side(2));
         stage().target().place(local) + TABLE_CENTRE
     };
     (1..8).fold((corner(0), corner(0)), |(low, high), i| {
@@ -53,14 +54,16 @@ pub fn target_bounds() -> (DVec3, DVec3) {
 
 /// The target's surface, from cells of edge `cell` metres; the vertices are then moved onto the
 /// surface.
-pub(crate) fn mesh(cell: f64) -> Mesh {
-    let low = watering_can::CENTRE - watering_can::HALF - 2.0 * cell;
-    let counts = ((2.0 * watering_can::HALF / cell).ceil() + 5.0).as_uvec3();
+pub(crate) fn mesh(stage: &Stage, cell: f64) -> Mesh {
+    let target = stage.target();
+    let (half, centre) = Subject::BOUNDS;
+    let low = centre - half - 2.0 * cell;
+    let counts = ((2.0 * half / cell).ceil() + 5.0).as_uvec3();
     let shape = RuntimeShape::<u32, 3>::new(counts.to_array());
     let at = |i: u32| low + DVec3::from(shape.delinearize(i).map(f64::from)) * cell;
     let distances: Vec<f32> = (0..shape.size())
         .into_par_iter()
-        .map(|i| (watering_can::sdf(at(i)) / cell) as f32)
+        .map(|i| (target.local_sdf(at(i)) / cell) as f32)
         .collect();
     let mut buffer = SurfaceNetsBuffer::default();
     surface_nets(
@@ -70,7 +73,6 @@ pub(crate) fn mesh(cell: f64) -> Mesh {
         (counts - 1).to_array(),
         &mut buffer,
     );
-    let target = stage().target();
     let vertices = buffer
         .positions
         .par_iter()
@@ -97,7 +99,7 @@ mod tests {
 
     #[test]
     fn the_mesh_lies_on_the_surface_and_faces_outwards() {
-        let mesh = mesh(0.003);
+        let mesh = mesh(stage(), 0.003);
         let off = mesh
             .vertices
             .iter()
@@ -121,7 +123,7 @@ mod tests {
 
     #[test]
     fn the_target_has_holes() {
-        let mesh = mesh(0.0015);
+        let mesh = mesh(stage(), 0.0015);
         // A closed surface has 3 F = 2 E and V - E + F = 2 - 2 genus.
         let (v, f) = (mesh.vertices.len() as i64, mesh.faces.len() as i64);
         let euler = v - f / 2;

@@ -179,7 +179,7 @@ pub(crate) fn material(p: DVec3) -> Material {
 }
 
 /// Speckled ceramic glaze: cloudy between two colours, with dark and light spots.
-fn glaze(p: DVec3, light: DVec3, dark: DVec3) -> DVec3 {
+pub(crate) fn glaze(p: DVec3, light: DVec3, dark: DVec3) -> DVec3 {
     let cloud = smoothstep(-0.45, 0.45, fbm3(p / 0.016, 4, 61));
     let base = mottle(mix(dark, light, cloud), p, 0.0035, 0.22, 62);
     let dark_spots = speckle3(p / 0.0095, 0.55, 0.30, 63).max(speckle3(p / 0.0061, 0.4, 0.32, 64));
@@ -189,7 +189,7 @@ fn glaze(p: DVec3, light: DVec3, dark: DVec3) -> DVec3 {
 }
 
 /// Wound cane: slanted turns with fibres and a few dark ones.
-fn rattan(p: DVec3) -> DVec3 {
+pub(crate) fn rattan(p: DVec3) -> DVec3 {
     let s = (p.x * 0.9 + p.z * 1.0 + p.y * 0.4 + 0.0015 * fbm3(p / 0.008, 2, 66)) / 0.0088;
     let turn = s.floor();
     let within = s - turn;
