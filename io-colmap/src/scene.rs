@@ -4,6 +4,7 @@ use crate::error::ColmapError;
 use crate::model::{Format, Model, View};
 use crate::photo::{PhotoHeader, read_photo};
 use image::DynamicImage;
+use image::metadata::Orientation;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -293,7 +294,7 @@ fn fit_cameras(
     notes: &mut Vec<String>,
 ) -> Result<(), ColmapError> {
     let cameras = &model.cameras;
-    let found: Vec<((u32, u32), bool)> = model
+    let found: Vec<(PhotoHeader, bool)> = model
         .views
         .par_iter()
         .map(|view| {
@@ -301,12 +302,7 @@ fn fit_cameras(
             let turned = cameras
                 .get(&view.camera_id)
                 .is_some_and(|camera| header.is_turned_for((camera.width, camera.height)));
-            let size = if turned {
-                header.upright()
-            } else {
-                header.stored
-            };
-            Ok((size, turned))
+            Ok((header, turned))
         })
         .collect::<Result<_, ColmapError>>()?;
     let turned = found.iter().filter(|(_, turned)| *turned).count();
@@ -315,7 +311,24 @@ fn fit_cameras(
             "{turned} photos are turned upright as their EXIF orientation says, which is how their cameras see them"
         ));
     }
-    let sizes: Vec<(u32, u32)> = found.into_iter().map(|(size, _)| size).collect();
+    let is_marked = |header: &PhotoHeader| header.orientation != Orientation::NoTransforms;
+    let stored = found
+        .iter()
+        .filter(|(header, turned)| is_marked(header) && !turned);
+    match stored.count() {
+        0 => {}
+        marked => notes.push(format!(
+            "{marked} photos have an EXIF orientation that their cameras do not follow: they are used as they are stored, and \
+             so are masks and results; viewers show such photos turned"
+        )),
+    }
+    let sizes: Vec<(u32, u32)> = found
+        .into_iter()
+        .map(|(header, turned)| match turned {
+            true => header.upright(),
+            false => header.stored,
+        })
+        .collect();
 
     // Views by camera and true size; photos of one camera may have been resized differently.
     let mut groups: BTreeMap<(u32, (u32, u32)), Vec<usize>> = BTreeMap::new();

@@ -128,11 +128,13 @@ fn photos_are_turned_only_where_their_camera_is() {
     assert!(is_red(&photos[0], 30, 44) && !is_red(&photos[0], 30, 3));
     assert!(is_red(&photos[1], 30, 3) && !is_red(&photos[1], 30, 44));
 
-    // COLMAP reads pixels as they are stored: such a camera gets them so.
+    // COLMAP reads pixels as they are stored: such a camera gets them so, and people are told.
     write_jpeg(&dir.path().join("images/a.jpg"), &halves(64, 48), 6);
     write_jpeg(&dir.path().join("images/b.jpg"), &halves(64, 48), 3);
     let scene = Scene::open(dir.path()).unwrap();
-    assert!(scene.notes.is_empty(), "{:?}", scene.notes);
+    assert_eq!(scene.notes.len(), 1);
+    let told = "2 photos have an EXIF orientation that their cameras do not follow";
+    assert!(scene.notes[0].starts_with(told), "{:?}", scene.notes);
     for view in &scene.model.views {
         let photo = scene.read_photo(view).unwrap();
         assert!(is_red(&photo, 60, 20) && !is_red(&photo, 3, 20));
