@@ -80,6 +80,15 @@ impl Mask {
         (0..self.width as usize * self.height as usize).map(|i| self.bit(i))
     }
 
+    /// How many pixels it has.
+    #[must_use]
+    pub fn area(&self) -> usize {
+        self.bits
+            .iter()
+            .map(|byte| byte.count_ones() as usize)
+            .sum()
+    }
+
     /// Columns and rows of its pixels, row by row.
     pub fn pixels(&self) -> impl Iterator<Item = (u32, u32)> {
         let at = |i: usize| (i as u32 % self.width, i as u32 / self.width);
@@ -131,6 +140,7 @@ mod tests {
         assert!(!mask.contains(7, 0) && !mask.contains(6, 5));
         assert_eq!(mask.answers().count(), 35);
         let inside: Vec<(u32, u32)> = mask.pixels().collect();
+        assert_eq!(mask.area(), inside.len());
         assert_eq!(
             inside.len(),
             mask.answers().filter(|inside| *inside).count()

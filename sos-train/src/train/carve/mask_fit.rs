@@ -12,6 +12,7 @@ use scene_decomp::probability::ProbabilityMap;
 use super::depth::{DepthPicture, depth_picture};
 use crate::median::median;
 use crate::prepare::error::PrepareError;
+use crate::prepare::mask::Mask;
 use crate::prepare::mask_shift::outline_distance;
 use crate::prepare::{Prepared, TrainView};
 use crate::render::rays::FrozenScene;
@@ -137,7 +138,7 @@ fn shifts(views: Vec<Vec<f32>>, sizes: &[f32]) -> Option<Vec<f32>> {
 
 /// The root of the mask's area, in pixels.
 fn size(view: &TrainView) -> f32 {
-    let area = view.mask.as_ref().map_or(0, |mask| mask.pixels().count());
+    let area = view.mask.as_ref().map_or(0, Mask::area);
     (area as f32).sqrt()
 }
 

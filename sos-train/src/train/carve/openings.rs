@@ -6,6 +6,7 @@
 //! around it.
 
 use super::depth::{DepthPicture, depth_picture};
+use crate::prepare::mask::Mask;
 use crate::prepare::spans::PixelSpans;
 use crate::prepare::{Prepared, TrainView};
 use crate::render::rays::FrozenScene;
@@ -52,7 +53,7 @@ impl Trainer {
 /// Pixels of all masks.
 fn covered(data: &Prepared) -> usize {
     let masks = data.views.iter().filter_map(|view| view.mask.as_ref());
-    masks.map(|mask| mask.pixels().count()).sum()
+    masks.map(Mask::area).sum()
 }
 
 /// The pixels of each view that look through an opening.
