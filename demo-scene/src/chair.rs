@@ -5,7 +5,7 @@
 use glam::{DVec2, DVec3};
 
 use crate::paint::{Material, mottle, rgb};
-use crate::primitives::{capsule, ring, rounded_box};
+use crate::primitives::{capsule, nearest, ring, rounded_box};
 use crate::watering_can::{glaze, rattan};
 
 /// Distances to seat, legs and back, hoop, wire.
@@ -42,15 +42,7 @@ pub(crate) fn sdf(p: DVec3) -> f64 {
 
 /// Paint at a surface point.
 pub(crate) fn material(p: DVec3) -> Material {
-    let distances = parts(p);
-    let nearest = (0..distances.len()).fold(0, |best, i| {
-        if distances[i] < distances[best] {
-            i
-        } else {
-            best
-        }
-    });
-    let colour = match nearest {
+    let colour = match nearest(&parts(p)) {
         0 => rattan(p),
         1 => glaze(p, rgb(0x8c3f35), rgb(0x5a1f22)),
         2 => mottle(rgb(0xb8703c), p, 0.006, 0.5, 71),

@@ -69,6 +69,17 @@ pub(crate) fn smooth_max(a: f64, b: f64, k: f64) -> f64 {
     -smooth_min(-a, -b, k)
 }
 
+/// Which of several distances is the smallest; the first of equal ones.
+pub(crate) fn nearest(distances: &[f64]) -> usize {
+    (1..distances.len()).fold(0, |best, i| {
+        if distances[i] < distances[best] {
+            i
+        } else {
+            best
+        }
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 
 use crate::noise::{fbm3, hash3, smoothstep, speckle3, unit};
 use crate::paint::{Material, ink, mix, mottle, rgb};
-use crate::primitives::{arc, capsule, frustum, ring, smooth_max, smooth_min};
+use crate::primitives::{arc, capsule, frustum, nearest, ring, smooth_max, smooth_min};
 
 /// Half extents and centre of a box around the can, in its own frame.
 pub(crate) const HALF: DVec3 = DVec3::new(0.178, 0.086, 0.112);
@@ -133,7 +133,7 @@ pub(crate) fn material(p: DVec3) -> Material {
     let teal = glaze(p, rgb(0x1d6f78), rgb(0x0f4a58));
     let cream = glaze(p, rgb(0xe9dcc0), rgb(0xd3bd94));
     let copper = mottle(rgb(0xb8703c), p, 0.006, 0.5, 71);
-    let nearest = [
+    let part = nearest(&[
         parts.spout,
         parts.rose,
         parts.brace,
@@ -142,11 +142,7 @@ pub(crate) fn material(p: DVec3) -> Material {
         parts.rim,
         parts.lid,
         parts.shell.max(-parts.inside) - 0.0005,
-    ];
-    let part = (0..nearest.len()).fold(
-        0,
-        |best, i| if nearest[i] < nearest[best] { i } else { best },
-    );
+    ]);
     let colour = match part {
         0 => {
             // Cream rings along the spout, each with its own width.
