@@ -383,6 +383,32 @@ mod tests {
     use super::*;
 
     #[test]
+    fn silent_pixels_have_no_vote_and_others_keep_theirs() {
+        let object = Label::Object as u8;
+        let mut outline = Outline {
+            width: 3,
+            height: 2,
+            masked: true,
+            labels: ByteRuns::of(&[0, object, object, THIN_OBJECT, UNKNOWN_OBJECT, object]),
+            candidates: PixelSpans::default(),
+        };
+        let votes = |outline: &Outline| {
+            let weight = |i: u32| outline.vote(i % 3, i / 3).map(|vote| vote.weight);
+            (0..6).map(weight).collect::<Vec<_>>()
+        };
+        let edge = Some(EDGE_VOTE);
+        let full = Some(1.0);
+        assert_eq!(votes(&outline), [full, full, full, full, edge, full]);
+        let mut opening = PixelSpans::default();
+        opening.push(2);
+        opening.push(3);
+        outline.silence(&opening);
+        assert_eq!(votes(&outline), [full, full, None, None, edge, full]);
+        assert_eq!(outline.label(2, 0), Label::Unknown);
+        assert_eq!(outline.label(2, 1), Label::Object);
+    }
+
+    #[test]
     fn thin_parts_and_gaps_have_a_middle_and_outlines_of_large_ones_none() {
         // A block with bars of three and two pixels on it, and a slit of three pixels in it.
         let object = |x: u32, y: u32| match (x, y) {
