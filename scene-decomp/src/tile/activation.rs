@@ -45,6 +45,25 @@ fn softplus_of<const FUSED: bool>(beta: f32, z: &[f32], value: &mut [f32], slope
     }
 }
 
+/// The `slope` of [`softplus`] from its `value`: `sigmoid(t) = 1 - exp(-ln(1 + exp(t)))`, to a rounding of 1.
+#[inline(always)]
+pub(crate) fn slope_of_softplus<S: Simd>(_simd: S, beta: f32, value: &[f32], slope: &mut [f32]) {
+    if S::IS_SCALAR {
+        slope_of_softplus_of::<false>(beta, value, slope);
+    } else {
+        slope_of_softplus_of::<true>(beta, value, slope);
+    }
+}
+
+#[inline(always)]
+fn slope_of_softplus_of<const FUSED: bool>(beta: f32, value: &[f32], slope: &mut [f32]) {
+    for (&value, slope) in value.iter().zip(slope) {
+        let t = beta * value;
+        let near = if t > FAR { FAR } else { t };
+        *slope = 1.0 - exp_of_moderate::<FUSED>(-near);
+    }
+}
+
 /// `values` become `1 / (1 + exp(-values))`.
 #[inline(always)]
 pub(crate) fn sigmoid<S: Simd>(_simd: S, values: &mut [f32]) {
@@ -78,6 +97,8 @@ mod tests {
             );
             let exact = 1.0 / (1.0 + (-t).exp());
             assert!((f64::from(slope[0]) - exact).abs() < 3e-7, "sigmoid({x})");
+            slope_of_softplus_of::<FUSED>(100.0, &value, &mut slope);
+            assert!((f64::from(slope[0]) - exact).abs() < 4e-7, "sigmoid({x})");
         }
     }
 
@@ -89,6 +110,9 @@ mod tests {
         assert!(value[0].is_nan());
         assert_eq!((value[1], slope[1]), (f32::INFINITY, 1.0));
         assert_eq!((value[2], slope[2]), (0.0, 0.0));
+        slope_of_softplus_of::<true>(100.0, &value, &mut slope);
+        assert!(slope[0].is_nan());
+        assert_eq!(slope[1..], [1.0, 0.0]);
     }
 
     #[test]

@@ -8,13 +8,13 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use tensor_slices::{Scratch, Stopwatch};
 
-use super::forward::{Places, Saved, Tile, Working};
+use super::forward::{Places, Saved, Tile, slope_of_hidden};
 use super::weights::Weights;
 use crate::sdf_field::Normal;
 use crate::sdf_field::backward::DenseTable;
 use crate::tile::partials::{LayerGradient, LayerPartials};
 use crate::tile::transpose::rows_to_tile_padded;
-use crate::tile::{POINTS, layer};
+use crate::tile::{POINTS, activation, layer};
 
 /// Jobs that the tiles are dealt to; fixed, so that sums do not depend on the number of threads.
 const JOBS: usize = 16;
@@ -216,7 +216,8 @@ impl Partials {
 }
 
 struct BackwardWorking {
-    forward: Working,
+    slope: Scratch,
+    u: Scratch,
     grad: Scratch,
     dg: Scratch,
     du: Scratch,
@@ -226,7 +227,8 @@ struct BackwardWorking {
 impl BackwardWorking {
     fn new(weights: &Weights) -> Self {
         Self {
-            forward: Working::new(weights),
+            slope: Scratch::new(weights.hidden * POINTS),
+            u: Scratch::new(weights.hidden * POINTS),
             grad: Scratch::new(weights.columns() * POINTS),
             dg: Scratch::new(weights.inputs * POINTS),
             du: Scratch::new(weights.hidden * POINTS),
@@ -295,19 +297,20 @@ fn backward_tile<S: Simd>(
     let beta = saved.config.beta;
     let scale = 0.5 / saved.config.half_side;
     let BackwardWorking {
-        forward,
+        slope,
+        u,
         grad: grad_tile,
         dg,
         du,
         dz,
     } = working;
+    activation::slope_of_softplus(simd, beta, tile.a, slope);
     rows_to_tile_padded(grad, weights.columns(), grad_tile);
-    forward.hidden(simd, weights, beta, tile.input);
     let (d_out, d_normal) = grad_tile.split_at(weights.outputs * POINTS);
 
     let (dn_unit, d_h) = scatter.split_at_mut(3 * POINTS);
     if saved.config.normal == Normal::Computed {
-        forward.slope_of_hidden(weights);
+        slope_of_hidden(weights, slope, u);
         for (unit, dn) in dn_unit.iter_mut().zip(d_normal) {
             *unit = scale * dn;
         }
@@ -321,18 +324,14 @@ fn backward_tile<S: Simd>(
             }
         }
         layer::forward(simd, &weights.w1, None, dg, du);
-        layer::outer(simd, &forward.u, dg, &mut partials.first.weight);
+        layer::outer(simd, u, dg, &mut partials.first.weight);
     }
 
     layer::forward(simd, &weights.w2_transposed, None, d_out, dz);
     for j in 0..weights.hidden {
         let w = weights.w2[j];
         let rows = j * POINTS..(j + 1) * POINTS;
-        let (slope, du, dz) = (
-            &forward.slope[rows.clone()],
-            &du[rows.clone()],
-            &mut dz[rows],
-        );
+        let (slope, du, dz) = (&slope[rows.clone()], &du[rows.clone()], &mut dz[rows]);
         if saved.config.normal == Normal::Zero {
             for (dz, slope) in dz.iter_mut().zip(slope) {
                 *dz *= slope;
@@ -349,7 +348,7 @@ fn backward_tile<S: Simd>(
         }
         partials.sdf_row[j] += sum.iter().sum::<f32>();
     }
-    layer::outer(simd, d_out, &forward.a, &mut partials.second.weight);
+    layer::outer(simd, d_out, tile.a, &mut partials.second.weight);
     partials.second.add_bias(d_out);
     layer::outer(simd, dz, tile.input, &mut partials.first.weight);
     partials.first.add_bias(dz);

@@ -53,6 +53,8 @@ pub(super) struct Places {
 pub(super) struct TileKind {
     /// Inputs of the MLP.
     pub(super) inputs: usize,
+    /// Width of its hidden layer.
+    pub(super) hidden: usize,
     pub(super) normal: Normal,
 }
 
@@ -62,6 +64,15 @@ pub(super) struct Tile<'a> {
     pub(super) input: &'a [f32],
     /// Of h by the unit positions: 3 for each feature; none without normals.
     pub(super) jacobian: &'a [f32],
+    /// The hidden layer.
+    pub(super) a: &'a [f32],
+}
+
+/// The same to be written.
+struct TileMut<'a> {
+    input: &'a mut [f32],
+    jacobian: &'a mut [f32],
+    a: &'a mut [f32],
 }
 
 impl TileKind {
@@ -72,17 +83,28 @@ impl TileKind {
 
     /// Values of a tile.
     pub(super) fn len(self) -> usize {
-        let jacobian = match self.normal {
+        (self.inputs + self.rows_of_jacobian() + self.hidden) * POINTS
+    }
+
+    fn rows_of_jacobian(self) -> usize {
+        match self.normal {
             Normal::Computed => 3 * self.features(),
             Normal::Zero => 0,
-        };
-        (self.inputs + jacobian) * POINTS
+        }
     }
 
     #[inline(always)]
     pub(super) fn rows(self, tile: &[f32]) -> Tile<'_> {
-        let (input, jacobian) = tile.split_at(self.inputs * POINTS);
-        Tile { input, jacobian }
+        let (input, rest) = tile.split_at(self.inputs * POINTS);
+        let (jacobian, a) = rest.split_at(self.rows_of_jacobian() * POINTS);
+        Tile { input, jacobian, a }
+    }
+
+    #[inline(always)]
+    fn rows_mut(self, tile: &mut [f32]) -> TileMut<'_> {
+        let (input, rest) = tile.split_at_mut(self.inputs * POINTS);
+        let (jacobian, a) = rest.split_at_mut(self.rows_of_jacobian() * POINTS);
+        TileMut { input, jacobian, a }
     }
 
     /// Values of a tile of [`Places`], and of what backward leaves beside it for the table.
@@ -110,6 +132,7 @@ pub(crate) fn forward(
     let mut out = vec![0.0; n * weights.columns()];
     let kind = TileKind {
         inputs: weights.inputs,
+        hidden: weights.hidden,
         normal: config.normal,
     };
     let tile_len = kind.len();
@@ -128,6 +151,7 @@ pub(crate) fn forward(
                             weights: &weights,
                             config,
                             layout,
+                            kind,
                             tile,
                             working,
                             out,
@@ -156,6 +180,7 @@ pub(crate) fn forward(
                             weights: &weights,
                             config,
                             layout,
+                            kind,
                             tile,
                             working,
                             out,
@@ -187,52 +212,44 @@ pub(crate) fn forward(
     }
 }
 
-/// One tile's intermediate rows: each is written before it is read.
-pub(super) struct Working {
+/// One tile's intermediate rows that backward does not ask for: each is written before it is read.
+struct Working {
     /// Positions in the grid, in `[0, 1]`.
     unit: Scratch,
     z: Scratch,
-    pub(super) a: Scratch,
-    pub(super) slope: Scratch,
-    pub(super) u: Scratch,
+    /// Derivative of the hidden layer by `z`.
+    slope: Scratch,
+    /// The sdf's derivative by `z`.
+    u: Scratch,
     /// The sdf's derivative by the input.
     g: Scratch,
-    pub(super) out: Scratch,
+    out: Scratch,
 }
 
 impl Working {
-    pub(super) fn new(weights: &Weights) -> Self {
+    fn new(weights: &Weights) -> Self {
         let rows = |count: usize| Scratch::new(count * POINTS);
         Self {
             unit: rows(3),
             z: rows(weights.hidden),
-            a: rows(weights.hidden),
             slope: rows(weights.hidden),
             u: rows(weights.hidden),
             g: rows(weights.inputs),
             out: rows(weights.outputs + 3),
         }
     }
+}
 
-    /// From the tile's input to `a` and `slope`.
-    #[inline(always)]
-    pub(super) fn hidden<S: Simd>(&mut self, simd: S, weights: &Weights, beta: f32, input: &[f32]) {
-        layer::forward(simd, &weights.w1, Some(&weights.b1), input, &mut self.z);
-        activation::softplus(simd, beta, &self.z, &mut self.a, &mut self.slope);
-    }
-
-    /// `u = w2 * slope`, the sdf's derivative by `z`.
-    #[inline(always)]
-    pub(super) fn slope_of_hidden(&mut self, weights: &Weights) {
-        for ((u, slope), &w) in self
-            .u
-            .chunks_exact_mut(POINTS)
-            .zip(self.slope.chunks_exact(POINTS))
-            .zip(&weights.w2)
-        {
-            for (u, slope) in u.iter_mut().zip(slope) {
-                *u = w * slope;
-            }
+/// `u = w2 * slope`, the sdf's derivative by `z`.
+#[inline(always)]
+pub(super) fn slope_of_hidden(weights: &Weights, slope: &[f32], u: &mut [f32]) {
+    for ((u, slope), &w) in u
+        .chunks_exact_mut(POINTS)
+        .zip(slope.chunks_exact(POINTS))
+        .zip(&weights.w2)
+    {
+        for (u, slope) in u.iter_mut().zip(slope) {
+            *u = w * slope;
         }
     }
 }
@@ -261,6 +278,7 @@ struct ForwardTile<'a> {
     weights: &'a Weights,
     config: &'a SdfFieldConfig,
     layout: &'a GridLayout,
+    kind: TileKind,
     tile: &'a mut [f32],
     working: &'a mut Working,
     out: &'a mut [f32],
@@ -277,7 +295,7 @@ impl WithSimd for ForwardTile<'_> {
             working,
             ..
         } = self;
-        let (input, jacobian) = self.tile.split_at_mut(weights.inputs * POINTS);
+        let TileMut { input, jacobian, a } = self.kind.rows_mut(self.tile);
         rows_to_tile(self.points, 3, &mut input[..3 * POINTS]);
         let scale = 0.5 / config.half_side;
         for (unit, p) in working.unit.iter_mut().zip(&input[..3 * POINTS]) {
@@ -291,16 +309,17 @@ impl WithSimd for ForwardTile<'_> {
             &mut input[3 * POINTS..],
             wanted,
         );
-        working.hidden(simd, weights, config.beta, input);
+        layer::forward(simd, &weights.w1, Some(&weights.b1), input, &mut working.z);
+        activation::softplus(simd, config.beta, &working.z, a, &mut working.slope);
 
         let wants_normal = config.normal == Normal::Computed;
         if wants_normal {
-            working.slope_of_hidden(weights);
-            let Working { u, g, .. } = &mut *working;
+            let Working { slope, u, g, .. } = &mut *working;
+            slope_of_hidden(weights, slope, u);
             layer::forward(simd, &weights.w1_transposed, None, u, g);
         }
         let (values, normal) = working.out.split_at_mut(weights.outputs * POINTS);
-        layer::forward(simd, &weights.w2, Some(&weights.b2), &working.a, values);
+        layer::forward(simd, &weights.w2, Some(&weights.b2), a, values);
         if wants_normal {
             normal_of_tile(&working.g, jacobian, scale, normal);
         } else {
