@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use burn::tensor::Device;
-use hashgrid::{GridConfig, GridLayout, LazyAdam, SparseGrad};
+use hashgrid::{GridConfig, GridLayout, Hash, LazyAdam, SparseGrad};
 use scene_decomp::{InitialShape, Surface, SurfaceConfig, colour_field, sdf_field};
 use serde::Serialize;
 use tensor_slices::Stopwatch;
@@ -44,6 +44,8 @@ pub(crate) struct Cost {
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct OpFigures {
     pub(crate) name: &'static str,
+    /// What the grid hashes.
+    pub(crate) hash: Hash,
     pub(crate) one_core: bool,
     pub(crate) points: usize,
     pub(crate) ms: f64,
@@ -65,6 +67,8 @@ pub(crate) struct OpFigures {
 pub(crate) struct OpSizes {
     levels: f64,
     hashed: f64,
+    /// Cache lines that the corners of a cell lie on, on a hashed level.
+    lines: f64,
     inputs: f64,
     hidden: f64,
     outputs: f64,
@@ -84,9 +88,15 @@ impl OpSizes {
     /// FoCoR's at the paper's sizes.
     pub(crate) fn new(layout: &GridLayout) -> Self {
         let levels = layout.levels.len() as f64;
+        let hashes = layout.levels.iter().filter_map(|level| level.hash);
         Self {
             levels,
-            hashed: layout.levels.iter().filter(|l| l.hashed).count() as f64,
+            hashed: hashes.clone().count() as f64,
+            lines: match hashes.last() {
+                // Of two nodes along an axis, every second pair lies in one block.
+                Some(Hash::Blocks) => 1.5_f64.powi(3),
+                Some(Hash::Nodes) | None => 4.0,
+            },
             inputs: 3.0 + 2.0 * levels,
             hidden: 64.0,
             outputs: 13.0,
@@ -111,9 +121,9 @@ impl OpSizes {
         self.levels * (12.0 + 2.0 * 43.0)
     }
 
-    /// The corners of a cell lie on four cache lines of a hashed level. Dense levels stay in cache.
+    /// Lines of hashed levels. Dense levels stay in cache.
     fn table_bytes(&self) -> f64 {
-        self.hashed * 4.0 * LINE
+        self.hashed * self.lines * LINE
     }
 
     fn forward(&self) -> Cost {
@@ -199,16 +209,22 @@ pub(crate) fn surface_config() -> SurfaceConfig {
     }
 }
 
-/// Measures FoCoR's ops at the paper's sizes on one core and on all.
+/// Measures FoCoR's ops at the paper's sizes on one core and on all, with either hash.
 pub(crate) fn measure(peaks: &Peaks, device: &Device) -> Result<Vec<OpFigures>> {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    let mut figures = one.install(|| ops(peaks, device, true));
-    figures.extend(ops(peaks, device, false));
+    let both = |one_core: bool| {
+        [Hash::Nodes, Hash::Blocks]
+            .into_iter()
+            .flat_map(move |hash| ops(peaks, device, one_core, hash))
+    };
+    let mut figures: Vec<OpFigures> = one.install(|| both(true).collect());
+    figures.extend(both(false));
     Ok(figures)
 }
 
-fn ops(peaks: &Peaks, device: &Device, one_core: bool) -> Vec<OpFigures> {
-    let config = surface_config();
+fn ops(peaks: &Peaks, device: &Device, one_core: bool, hash: Hash) -> Vec<OpFigures> {
+    let mut config = surface_config();
+    config.grid.hash = hash;
     let device = device.clone().autodiff();
     let layout = Arc::new(GridLayout::new(&config.grid));
     let mut surface = Surface::new(&config, 1, &device);
@@ -260,12 +276,15 @@ fn ops(peaks: &Peaks, device: &Device, one_core: bool) -> Vec<OpFigures> {
     cases
         .into_iter()
         .zip(times)
-        .map(|((name, _, cost), times)| figures(name, one_core, cost, times, peaks))
+        // Colours are asked of no grid.
+        .filter(|((name, ..), _)| hash == Hash::Nodes || name.starts_with("sdf"))
+        .map(|((name, _, cost), times)| figures(name, hash, one_core, cost, times, peaks))
         .collect()
 }
 
 fn figures(
     name: &'static str,
+    hash: Hash,
     one_core: bool,
     cost: Cost,
     mut times: Vec<Duration>,
@@ -286,6 +305,7 @@ fn figures(
     let scattered_traffic = (scattered / lines_gbs + (bytes - scattered) / gbs) * 1e-9;
     OpFigures {
         name,
+        hash,
         one_core,
         points: POINTS,
         ms: seconds * 1e3,

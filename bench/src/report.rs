@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use hashgrid::Hash;
 use serde::Serialize;
 
 use crate::fields::OpFigures;
@@ -27,7 +28,7 @@ pub(crate) struct Report {
     phase_ms: BTreeMap<String, f64>,
     phase_share: BTreeMap<String, f64>,
     overhead_share: f64,
-    /// Of the sdf field's forward and backward together, on all cores.
+    /// Of the sdf field's forward and backward together, on all cores, with the hash of the default preset.
     roofline_share: f64,
     peak_gflops: f64,
     peak_gbs: f64,
@@ -59,7 +60,7 @@ impl Report {
             phase_ms: best.phase_ms,
             phase_share: best.phase_share,
             overhead_share: best.overhead_share,
-            roofline_share: sdf_share(&ops, false, |op| op.traffic_ms),
+            roofline_share: sdf_share(&ops, Hash::Blocks, false, |op| op.traffic_ms),
             peak_gflops,
             peak_gbs,
             peaks,
@@ -72,14 +73,28 @@ impl Report {
 
 /// The sdf field forward and backward: their rooflines' time over their own, with `traffic` taking so
 /// many milliseconds.
-fn sdf_share(ops: &[OpFigures], one_core: bool, traffic: impl Fn(&OpFigures) -> f64) -> f64 {
-    let of_sdf = |op: &&OpFigures| op.name.starts_with("sdf") && op.one_core == one_core;
+fn sdf_share(
+    ops: &[OpFigures],
+    hash: Hash,
+    one_core: bool,
+    traffic: impl Fn(&OpFigures) -> f64,
+) -> f64 {
+    let of_sdf =
+        |op: &&OpFigures| op.name.starts_with("sdf") && op.hash == hash && op.one_core == one_core;
     let (mut least, mut taken) = (0.0, 0.0);
     for op in ops.iter().filter(of_sdf) {
         least += op.arithmetic_ms.max(op.added_ms).max(traffic(op));
         taken += op.ms;
     }
     if taken > 0.0 { least / taken } else { 0.0 }
+}
+
+/// What is said of an op where the grid hashes something else than the paper's does.
+fn suffix(hash: Hash) -> &'static str {
+    match hash {
+        Hash::Nodes => "",
+        Hash::Blocks => ", blocks",
+    }
 }
 
 fn phases(
@@ -137,9 +152,9 @@ impl fmt::Display for Report {
             for op in ops() {
                 writeln!(
                     f,
-                    "    {:<24} {:7.2} ms {:6.1} GFLOP/s {:5.1} GB/s; at the peaks {:5.2}, {:5.2} \
+                    "    {:<28} {:7.2} ms {:6.1} GFLOP/s {:5.1} GB/s; at the peaks {:5.2}, {:5.2} \
                      and {:5.2} ms: {:4.1} %",
-                    op.name,
+                    format!("{}{}", op.name, suffix(op.hash)),
                     op.ms,
                     op.gflops,
                     op.gbs,
@@ -149,13 +164,18 @@ impl fmt::Display for Report {
                     100.0 * op.roofline_share
                 )?;
             }
-            let share = 100.0 * sdf_share(&self.ops, one_core, |op| op.traffic_ms);
-            let scattered = 100.0 * sdf_share(&self.ops, one_core, |op| op.scattered_traffic_ms);
-            writeln!(
-                f,
-                "    {:<24} {share:.1} % of its roofline; {scattered:.1} % of one with lines at random",
-                "sdf field, both"
-            )?;
+            for hash in [Hash::Nodes, Hash::Blocks] {
+                let share = |traffic: fn(&OpFigures) -> f64| {
+                    100.0 * sdf_share(&self.ops, hash, one_core, traffic)
+                };
+                writeln!(
+                    f,
+                    "    {:<28} {:.1} % of its roofline; {:.1} % of one with lines at random",
+                    format!("sdf field, both ways{}", suffix(hash)),
+                    share(|op| op.traffic_ms),
+                    share(|op| op.scattered_traffic_ms)
+                )?;
+            }
         }
         writeln!(
             f,

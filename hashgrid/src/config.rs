@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::hash::Hash;
+
 /// How a point's value is blended from the eight corners of its cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Interpolation {
@@ -31,7 +33,7 @@ pub enum TableReads {
 /// The shape of a multi-resolution hash grid (Müller et al. 2022, table 1).
 ///
 /// The default is the paper's: 16 levels of 2 features, 16 to 2048 cells per axis, `2^19` entries
-/// per level at most, trilinear.
+/// per level at most, trilinear, nodes hashed one by one.
 ///
 /// ```
 /// let config = hashgrid::GridConfig { levels: 8, ..Default::default() };
@@ -51,6 +53,9 @@ pub struct GridConfig {
     pub log2_table_size: u32,
     /// How corners are blended.
     pub interpolation: Interpolation,
+    /// How nodes are hashed on levels that are too fine for an entry each.
+    #[serde(default)]
+    pub hash: Hash,
     /// What kernels on GPUs read.
     #[serde(default)]
     pub device_reads: TableReads,
@@ -65,6 +70,7 @@ impl Default for GridConfig {
             finest_resolution: 2048,
             log2_table_size: 19,
             interpolation: Interpolation::Linear,
+            hash: Hash::Nodes,
             device_reads: TableReads::Single,
         }
     }

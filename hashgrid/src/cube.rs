@@ -12,7 +12,7 @@ mod entries;
 use gpu_tensors::{AtomicSum, cubecl};
 
 use crate::config::Interpolation;
-use crate::cpu::PRIMES;
+use crate::hash::PRIMES;
 use crate::layout::{FEATURES, GridLayout};
 use cubecl::prelude::*;
 pub use entries::{DeviceTable, Entries, Half, Single};
@@ -20,7 +20,8 @@ pub use entries::{DeviceTable, Entries, Half, Single};
 /// Words per level in [`level_words`].
 pub const LEVEL_WORDS: usize = 4;
 
-/// The levels for a kernel: resolution, first entry, mask of the hash, and whether it is hashed.
+/// The levels for a kernel: resolution, first entry, mask of the hash, and 0 for a level without one, else 1 more
+/// than the base-2 logarithm of the side of what is hashed as one.
 ///
 /// # Panics
 /// When a level could send a kernel outside its table: the fields are public.
@@ -35,7 +36,7 @@ pub fn level_words(layout: &GridLayout) -> Vec<u32> {
                 level.resolution,
                 level.offset as u32,
                 (level.entries as u32).wrapping_sub(1),
-                u32::from(level.hashed),
+                level.hash.map_or(0, |hash| hash.block_shift() + 1),
             ]
         })
         .collect()
@@ -73,8 +74,10 @@ pub struct Cell {
     side: u32,
     /// The hash's mask.
     mask: u32,
-    /// 1 for a hashed level, else 0.
-    hashed: u32,
+    /// Whether nodes are hashed.
+    hashed: bool,
+    /// Base-2 logarithm of the side of what is hashed as one.
+    block_shift: u32,
 }
 
 /// Both features of an entry.
@@ -143,7 +146,8 @@ pub fn locate(
         first: levels[at + 1],
         side: resolution + 1u32,
         mask: levels[at + 2],
-        hashed: levels[at + 3],
+        hashed: levels[at + 3] != 0u32,
+        block_shift: max(levels[at + 3], 1u32) - 1u32,
     }
 }
 
@@ -154,8 +158,17 @@ pub fn entry(cell: &Cell, #[comptime] c: u32) -> usize {
     let y = cell.y.node + comptime!(c >> 1 & 1);
     let z = cell.z.node + comptime!(c >> 2);
     let dense = x + cell.side * (y + cell.side * z);
-    let hash = (x ^ (y * comptime!(PRIMES[0])) ^ (z * comptime!(PRIMES[1]))) & cell.mask;
-    (cell.first + select(cell.hashed == 1u32, hash, dense)) as usize
+    let hash = (part(cell, x, 0u32) ^ part(cell, y, 1u32) ^ part(cell, z, 2u32)) & cell.mask;
+    (cell.first + select(cell.hashed, hash, dense)) as usize
+}
+
+/// What a node's position along an axis adds to its hash: [`Hash::part`](crate::Hash).
+#[cube]
+fn part(cell: &Cell, node: u32, #[comptime] axis: u32) -> u32 {
+    let shift = cell.block_shift;
+    let block = node >> shift;
+    let within = node - (block << shift);
+    ((block * comptime!(PRIMES[axis as usize])) << (shift * 3u32)) | (within << (shift * axis))
 }
 
 #[cube]

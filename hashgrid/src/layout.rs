@@ -1,6 +1,7 @@
 //! Where each level's entries lie in the table.
 
 use crate::config::{GridConfig, GridConfigError, Interpolation, TableReads};
+use crate::hash::Hash;
 
 /// Features per table entry. Both of an entry's features are loaded as one 8-byte word.
 pub const FEATURES: usize = 2;
@@ -18,15 +19,14 @@ pub struct LevelLayout {
     pub offset: usize,
     /// Number of entries; for a dense level rounded up to whole blocks, the rest is never used.
     pub entries: usize,
-    /// Whether nodes are hashed into the entries, or each has its own.
-    pub hashed: bool,
+    /// How nodes are hashed into the entries; none where each has its own.
+    pub hash: Option<Hash>,
 }
 
 /// All levels of a grid in one table `[entries, 2]`, row-major.
 ///
 /// A level whose `(r+1)³` nodes fit into `T` entries is dense, with node `(x, y, z)` at
-/// `x + (r+1)·(y + (r+1)·z)`. Others are hashed: `x ⊕ 2654435761·y ⊕ 805459861·z`, modulo `T`, in
-/// 32-bit arithmetic (Müller et al. 2022, eq. 4).
+/// `x + (r+1)·(y + (r+1)·z)`. Others are hashed in 32-bit arithmetic, as [`Hash`] says.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GridLayout {
     /// The levels, coarsest first.
@@ -61,8 +61,8 @@ impl GridLayout {
             .map(|level| {
                 let resolution = resolution(config, level);
                 let nodes = (u64::from(resolution) + 1).pow(3);
-                let hashed = nodes > table_size as u64;
-                let entries = if hashed {
+                let hash = (nodes > table_size as u64).then_some(config.hash);
+                let entries = if hash.is_some() {
                     table_size
                 } else {
                     (nodes as usize).next_multiple_of(BLOCK_ENTRIES)
@@ -71,7 +71,7 @@ impl GridLayout {
                     resolution,
                     offset,
                     entries,
-                    hashed,
+                    hash,
                 };
                 offset += entries;
                 layout
@@ -123,7 +123,11 @@ mod tests {
         assert_eq!(layout.levels[0].resolution, 16);
         assert_eq!(layout.levels[1].resolution, 22);
         assert_eq!(layout.levels[15].resolution, 2048);
-        let hashed: Vec<bool> = layout.levels.iter().map(|level| level.hashed).collect();
+        let hashed: Vec<bool> = layout
+            .levels
+            .iter()
+            .map(|level| level.hash.is_some())
+            .collect();
         assert_eq!(hashed.iter().position(|h| *h), Some(5));
         assert_eq!(layout.features(), 32);
         let mut next = 0;

@@ -3,8 +3,8 @@
 
 mod support;
 
-use hashgrid::{GridConfig, GridLayout, Interpolation, LevelLayout, cpu};
-use support::{INTERPOLATIONS, Random, small, worst};
+use hashgrid::{GridConfig, GridLayout, Hash, Interpolation, LevelLayout, cpu};
+use support::{Random, small, smalls, worst};
 
 /// Entries are of size 1; an f32 blend of eight rounds some ten times.
 const VALUE: f32 = 2e-6;
@@ -16,9 +16,13 @@ const JACOBIAN: f32 = 1e-4;
 fn entry(level: &LevelLayout, node: [u64; 3]) -> usize {
     let [x, y, z] = node;
     let side = u64::from(level.resolution) + 1;
-    let index = if level.hashed {
-        let hash = x ^ (y * 2_654_435_761) ^ (z * 805_459_861);
-        hash % level.entries as u64
+    let of = |x, y, z| x ^ (y * 2_654_435_761) ^ (z * 805_459_861);
+    let index = if let Some(hash) = level.hash {
+        let hashed = match hash {
+            Hash::Nodes => of(x, y, z),
+            Hash::Blocks => 8 * of(x / 2, y / 2, z / 2) + x % 2 + 2 * (y % 2) + 4 * (z % 2),
+        };
+        hashed % level.entries as u64
     } else {
         x + side * (y + side * z)
     };
@@ -79,8 +83,8 @@ fn kernel(
 
 #[test]
 fn values_and_finite_differences_in_double_precision() {
-    for interpolation in INTERPOLATIONS {
-        let layout = GridLayout::new(&small(interpolation));
+    for config in smalls() {
+        let layout = GridLayout::new(&config);
         let mut random = Random(1);
         let table = random.signed(2 * layout.entries());
         // Multiples of 2^-12: times a resolution of 6 bits they are exact in f32, so that both
@@ -103,7 +107,7 @@ fn values_and_finite_differences_in_double_precision() {
                     low[axis] -= step;
                     high[axis] += step;
                     // A trilinear derivative jumps at a border: only differences within a cell.
-                    let smooth = interpolation == Interpolation::Smoothstep;
+                    let smooth = config.interpolation == Interpolation::Smoothstep;
                     let inside = low[axis] >= 0.0 && high[axis] <= 1.0;
                     let same = (low[axis] * r).floor() == (high[axis] * r).floor();
                     if inside && (same || smooth) {
@@ -124,7 +128,16 @@ fn values_and_finite_differences_in_double_precision() {
 
 #[test]
 fn nodes_have_their_entries_values() {
-    let layout = GridLayout::new(&small(Interpolation::Linear));
+    for hash in [Hash::Nodes, Hash::Blocks] {
+        nodes_have_their_entries_values_with(hash);
+    }
+}
+
+fn nodes_have_their_entries_values_with(hash: Hash) {
+    let layout = GridLayout::new(&GridConfig {
+        hash,
+        ..small(Interpolation::Linear)
+    });
     let table = Random(2).signed(2 * layout.entries());
     for (l, level) in layout.levels.iter().enumerate() {
         let r = level.resolution;
@@ -156,8 +169,8 @@ fn nodes_have_their_entries_values() {
 
 #[test]
 fn outside_is_clamped_without_slope_and_nan_counts_as_zero() {
-    for interpolation in INTERPOLATIONS {
-        let layout = GridLayout::new(&small(interpolation));
+    for config in smalls() {
+        let layout = GridLayout::new(&config);
         let table = Random(3).signed(2 * layout.entries());
         let cases = [
             (-0.5, 0.0),
@@ -236,8 +249,8 @@ fn poison_neither_leaves_the_table_nor_stops_the_scatter() {
 #[test]
 fn the_scatter_is_the_transpose_of_the_encoding() {
     // Both are linear in the table: <d, h(T)> + <g n^T, J(T)> = <scatter(d, g, n), T>.
-    for interpolation in INTERPOLATIONS {
-        let layout = GridLayout::new(&small(interpolation));
+    for config in smalls() {
+        let layout = GridLayout::new(&config);
         let mut random = Random(6);
         let table = random.signed(2 * layout.entries());
         for n in [1, 15, 16, 17, 100] {

@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
-use hashgrid::{GridConfig, GridLayout, encode, encode_with_jacobian, reference};
-use support::{INTERPOLATIONS, Random, small, worst};
+use hashgrid::{GridConfig, GridLayout, Hash, encode, encode_with_jacobian, reference};
+use support::{Random, small, smalls, worst};
 
 /// Entries are of size 1, weights add up to 1, and cells are located by the same f32 arithmetic:
 /// what differs is the order of some ten roundings.
@@ -62,10 +62,10 @@ impl Case {
 #[test]
 fn values_and_jacobians_are_the_references() {
     for device in devices() {
-        for interpolation in INTERPOLATIONS {
+        for config in smalls() {
             for n in [1, 17, 1000] {
                 for active in [0, 1, 4, 6] {
-                    let case = Case::new(&small(interpolation), n);
+                    let case = Case::new(&config, n);
                     let (points, table) = case.tensors(&device);
                     let (p, t) = (points.clone(), table.clone());
                     let alone = values(encode(p, t, &case.layout, active));
@@ -93,12 +93,18 @@ fn values_and_jacobians_are_the_references() {
 
 #[test]
 fn the_papers_grid_is_hashed_as_the_reference_does() {
-    let case = Case::new(&GridConfig::default(), 17);
-    let device = Device::flex();
-    let (points, table) = case.tensors(&device);
-    let found = values(encode(points.clone(), table.clone(), &case.layout, 16));
-    let expected = values(reference::encode(points, table, &case.layout, 16));
-    assert!(worst(&found, &expected, VALUE) < 1.0);
+    for hash in [Hash::Nodes, Hash::Blocks] {
+        let config = GridConfig {
+            hash,
+            ..Default::default()
+        };
+        let case = Case::new(&config, 17);
+        let device = Device::flex();
+        let (points, table) = case.tensors(&device);
+        let found = values(encode(points.clone(), table.clone(), &case.layout, 16));
+        let expected = values(reference::encode(points, table, &case.layout, 16));
+        assert!(worst(&found, &expected, VALUE) < 1.0);
+    }
 }
 
 #[test]
@@ -116,9 +122,9 @@ fn no_points_give_empty_results() {
 #[test]
 fn gradients_are_the_references() {
     for device in devices().map(Device::autodiff) {
-        for interpolation in INTERPOLATIONS {
+        for config in smalls() {
             for (n, active) in [(1, 6), (17, 4), (1000, 6)] {
-                let case = Case::new(&small(interpolation), n);
+                let case = Case::new(&config, n);
                 let mut random = Random(99);
                 let dh = matrix(random.signed(12 * n), 12, &device);
                 let dj = matrix(random.signed(36 * n), 3, &device).reshape([n, 12, 3]);

@@ -8,10 +8,6 @@ pub(crate) const LANES: usize = 16;
 /// One number for each of 16 points.
 pub(crate) type Lane = [f32; LANES];
 
-/// The second and third factor of the spatial hash; the first is 1, so that neighbours along x
-/// mostly share a cache line.
-pub(crate) const PRIMES: [u32; 2] = [2_654_435_761, 805_459_861];
-
 /// The cells of 16 points on one level. Corner `c` is at `(c & 1, c >> 1 & 1, c >> 2)` of the cell.
 pub(crate) struct Cells {
     /// Entry of each corner, relative to the level.
@@ -77,17 +73,18 @@ pub(crate) fn locate<const HASHED: bool, const SMOOTH: bool>(
     let (z, weight_z, slope_z) = axis::<SMOOTH>(z, level.resolution);
     let side = level.resolution + 1;
     let mask = (level.entries as u32).wrapping_sub(1);
+    let hash = level.hash.unwrap_or_default();
     let mut index = [[0; LANES]; 8];
     for i in 0..LANES {
         if HASHED {
-            let y = y[i].wrapping_mul(PRIMES[0]);
-            let z = z[i].wrapping_mul(PRIMES[1]);
-            let (y1, z1) = (y.wrapping_add(PRIMES[0]), z.wrapping_add(PRIMES[1]));
-            let (x0, x1) = (x[i], x[i] + 1);
-            let yz = [y ^ z, y1 ^ z, y ^ z1, y1 ^ z1];
+            let part = |node: u32, axis: usize| hash.part(node, axis);
+            let x = [part(x[i], 0), part(x[i] + 1, 0)];
+            let y = [part(y[i], 1), part(y[i] + 1, 1)];
+            let z = [part(z[i], 2), part(z[i] + 1, 2)];
+            let yz = [y[0] ^ z[0], y[1] ^ z[0], y[0] ^ z[1], y[1] ^ z[1]];
             for c in 0..4 {
-                index[2 * c][i] = (x0 ^ yz[c]) & mask;
-                index[2 * c + 1][i] = (x1 ^ yz[c]) & mask;
+                index[2 * c][i] = (x[0] ^ yz[c]) & mask;
+                index[2 * c + 1][i] = (x[1] ^ yz[c]) & mask;
             }
         } else {
             let first = x[i] + side * (y[i] + side * z[i]);
@@ -129,7 +126,7 @@ pub(crate) fn prefetch(at: *const f32) {
 /// This is what the unchecked accesses of the kernels rest on, as a level's fields are public.
 pub(crate) fn check_level(level: &LevelLayout, values: usize) {
     let side = u64::from(level.resolution) + 1;
-    let fits = if level.hashed {
+    let fits = if level.hash.is_some() {
         level.entries.is_power_of_two()
     } else {
         side.pow(3) <= level.entries as u64

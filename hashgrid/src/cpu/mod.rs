@@ -23,9 +23,9 @@ mod scatter;
 mod tiers;
 mod tile;
 
+pub(crate) use cells::LANES;
 #[cfg(feature = "cube")]
 pub(crate) use cells::check_level;
-pub(crate) use cells::{LANES, PRIMES};
 pub(crate) use scatter::scatter_full;
 pub use scatter::{NormalPart, ScatterRows, scatter_level};
 pub use tile::encode_tile;

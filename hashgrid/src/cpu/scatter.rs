@@ -125,7 +125,7 @@ impl WithSimd for Scatter<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
-        match (self.level.hashed, self.smooth) {
+        match (self.level.hash.is_some(), self.smooth) {
             (false, false) => self.run::<false, false>(),
             (false, true) => self.run::<false, true>(),
             (true, false) => self.run::<true, false>(),

@@ -5,6 +5,7 @@ use pulp::{Arch, Scalar, WithSimd};
 use super::scatter::{Scatter, Slopes};
 use super::tile::EncodeTile;
 use crate::config::{GridConfig, Interpolation};
+use crate::hash::Hash;
 use crate::layout::GridLayout;
 
 /// Values in `[-0.25, 1.25)` that look random.
@@ -23,12 +24,16 @@ fn bits(values: &[f32]) -> Vec<u32> {
 
 #[test]
 fn the_widest_instructions_give_the_scalar_bits() {
-    for interpolation in [Interpolation::Linear, Interpolation::Smoothstep] {
+    for (interpolation, hash) in [
+        (Interpolation::Linear, Hash::Nodes),
+        (Interpolation::Smoothstep, Hash::Blocks),
+    ] {
         let layout = GridLayout::new(&GridConfig {
             levels: 8,
             finest_resolution: 300,
             log2_table_size: 14,
             interpolation,
+            hash,
             ..Default::default()
         });
         let table = noise(2 * layout.entries(), 1);

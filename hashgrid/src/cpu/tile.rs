@@ -124,7 +124,7 @@ impl WithSimd for EncodeTile<'_> {
                 block,
                 next,
             };
-            block = match (level.hashed, smooth) {
+            block = match (level.hash.is_some(), smooth) {
                 (false, false) => one.encode::<false, false>(values, jacobian),
                 (false, true) => one.encode::<false, true>(values, jacobian),
                 (true, false) => one.encode::<true, false>(values, jacobian),
@@ -138,7 +138,7 @@ impl WithSimd for EncodeTile<'_> {
 #[inline(always)]
 fn first_block(level: &LevelLayout, smooth: bool, position: [&[f32]; 3]) -> Cells {
     let [x, y, z] = position.map(|axis| &axis.as_chunks::<LANES>().0[0]);
-    match (level.hashed, smooth) {
+    match (level.hash.is_some(), smooth) {
         (false, false) => locate::<false, false>(level, x, y, z),
         (false, true) => locate::<false, true>(level, x, y, z),
         (true, false) => locate::<true, false>(level, x, y, z),

@@ -9,7 +9,7 @@ use burn::Tensor;
 use burn::tensor::Int;
 
 use crate::config::Interpolation;
-use crate::cpu::PRIMES;
+use crate::hash::PRIMES;
 use crate::layout::{FEATURES, GridLayout, LevelLayout};
 
 /// Same as [`encode()`](super::encode()), slowly.
@@ -125,14 +125,20 @@ impl Cells {
         let upper = [c & 1, c >> 1 & 1, c >> 2];
         let [x, y, z] =
             [0, 1, 2].map(|axis| self.node[axis].clone().add_scalar(upper[axis] as i32));
-        if level.hashed {
+        if let Some(hash) = level.hash {
             // Only the result's low bits count, and a product's low bits come from its factors'
             // low bits: reduced primes keep this within 32-bit integers too.
             let mask = level.entries as u32 - 1;
-            let y = y.mul_scalar((PRIMES[0] & mask) as i32);
-            let z = z.mul_scalar((PRIMES[1] & mask) as i32);
-            x.bitwise_xor(y)
-                .bitwise_xor(z)
+            let side = 1_i32 << hash.block_shift();
+            let part = |node: Tensor<1, Int>, axis: usize| {
+                let block = node.clone().div_scalar(side);
+                let within = node - block.clone().mul_scalar(side);
+                let hashed = block.mul_scalar((PRIMES[axis] & mask) as i32);
+                hashed.mul_scalar(side.pow(3)) + within.mul_scalar(side.pow(axis as u32))
+            };
+            part(x, 0)
+                .bitwise_xor(part(y, 1))
+                .bitwise_xor(part(z, 2))
                 .bitwise_and_scalar(mask as i32)
         } else {
             let side = level.resolution as i32 + 1;

@@ -1,10 +1,7 @@
 //! Inputs shared by the tests.
 #![allow(dead_code, unreachable_pub)]
 
-use hashgrid::{GridConfig, GridLayout, Interpolation};
-
-/// Both ways to blend.
-pub const INTERPOLATIONS: [Interpolation; 2] = [Interpolation::Linear, Interpolation::Smoothstep];
+use hashgrid::{GridConfig, GridLayout, Hash, Interpolation};
 
 /// A seeded generator.
 pub struct Random(pub u64);
@@ -43,10 +40,25 @@ pub fn small(interpolation: Interpolation) -> GridConfig {
     let hashed: Vec<bool> = GridLayout::new(&config)
         .levels
         .iter()
-        .map(|l| l.hashed)
+        .map(|l| l.hash.is_some())
         .collect();
     assert_eq!(hashed, [false, false, false, true, true, true]);
     config
+}
+
+/// [`small`] in both ways to blend, each with both hashes.
+pub fn smalls() -> [GridConfig; 4] {
+    use Interpolation::{Linear, Smoothstep};
+    [
+        (Linear, Hash::Nodes),
+        (Linear, Hash::Blocks),
+        (Smoothstep, Hash::Nodes),
+        (Smoothstep, Hash::Blocks),
+    ]
+    .map(|(interpolation, hash)| GridConfig {
+        hash,
+        ..small(interpolation)
+    })
 }
 
 /// The greatest difference, as a part of `tolerance · (1 + |expected|)`; NaN counts as infinite.

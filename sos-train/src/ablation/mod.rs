@@ -112,7 +112,7 @@ pub const RIVALS: [Row; 3] = [
 ];
 
 /// The default preset with another choice for one of its settings.
-pub const DECISIONS: [Row; 20] = [
+pub const DECISIONS: [Row; 21] = [
     choice("alpha-head", "alpha: the network's", &["model.alpha=head"]),
     choice("alpha-both", "alpha: both", &["model.alpha=both"]),
     choice("blend-ray", "blend per ray", &["model.blend=ray"]),
@@ -131,6 +131,7 @@ pub const DECISIONS: [Row; 20] = [
     ),
     choice("no-points", "no sparse points", &["loss.points=0"]),
     choice("smooth", "smoothstep", &["model.interpolation=smoothstep"]),
+    choice("nodes", "vertices hashed one by one", &["model.hash=nodes"]),
     choice("curvature", "curvature", &["loss.curvature=0.03"]),
     choice("band", "no ignore band", &["loss.ignore_band=0"]),
     choice(

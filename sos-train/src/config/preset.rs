@@ -5,7 +5,7 @@ use super::sections::{
     AlphaSource, Blend, ColourLoss, ExportConfig, Fields, Interpolation, LossConfig, Majority,
     ModelConfig, PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
 };
-use hashgrid::{MomentPrecision, TableReads};
+use hashgrid::{Hash, MomentPrecision, TableReads};
 use serde::{Deserialize, Serialize};
 
 /// A named set of values for the whole configuration.
@@ -50,6 +50,7 @@ fn default() -> TrainConfig {
             base_resolution: 16,
             finest_resolution: 0,
             log2_table_size: 18,
+            hash: Hash::Blocks,
             table_reads: TableReads::Single,
             direction_degree: 1,
             interpolation: Interpolation::Linear,
@@ -180,6 +181,7 @@ fn paper() -> TrainConfig {
             base_resolution: 16,
             finest_resolution: 2048,
             log2_table_size: 19,
+            hash: Hash::Nodes,
             table_reads: TableReads::Single,
             direction_degree: 1,
             interpolation: Interpolation::Linear,

@@ -1,6 +1,6 @@
 //! The sections of the configuration. Names here are the keys of `config.toml` and `--set`.
 
-use hashgrid::{MomentPrecision, TableReads};
+use hashgrid::{Hash, MomentPrecision, TableReads};
 use serde::{Deserialize, Serialize};
 
 /// How a hash grid is read between its vertices.
@@ -103,6 +103,8 @@ pub struct ModelConfig {
     pub finest_resolution: u32,
     /// Binary logarithm of the entries a level's table has at most.
     pub log2_table_size: u32,
+    /// Whether a fine level's nodes are hashed one by one, as in the paper, or in blocks of 2x2x2.
+    pub hash: Hash,
     /// What kernels on GPUs read of the tables; the CPU reads them as they are.
     pub table_reads: TableReads,
     /// Degree of the spherical harmonics of view directions that colours depend on, up to 4; 1: the

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use burn::module::Module;
 use burn::store::ModuleRecord;
+use hashgrid::Hash;
 use scene_decomp::SurfaceVotes;
 use scene_decomp::probability::ProbabilityMap;
 use serde::{Deserialize, Serialize};
@@ -30,6 +31,9 @@ struct Numbers {
     seconds: f64,
     object_adam_step: u32,
     background_adam_step: u32,
+    /// What the tables were trained with; those of versions that do not say so were trained with the first.
+    #[serde(default)]
+    hash: Hash,
 }
 
 const FIELDS: &str = "fields.bpk";
@@ -113,6 +117,7 @@ impl Trainer {
             seconds,
             object_adam_step: self.object_adam.steps(),
             background_adam_step: self.background_adam.steps(),
+            hash: self.config().model.hash,
         };
         let faults = serde_json::to_vec(&self.mask_faults)?;
         fs::write(path(MASK_FAULTS), faults).map_err(|e| unwritable(&path(MASK_FAULTS), &e))?;
@@ -177,6 +182,13 @@ impl Trainer {
             path: folder.clone(),
             what: format!("its {what} has another resolution"),
         };
+        if numbers.hash != self.config().model.hash {
+            return Err(PrepareError::Checkpoint {
+                path: folder,
+                what: "its tables were trained with another model.hash".to_owned(),
+            }
+            .into());
+        }
         let resolution = self.map.resolution();
         let [object, total] = [read_floats(&path(VOTES[0]))?, read_floats(&path(VOTES[1]))?];
         self.votes = SurfaceVotes::from_values(resolution, object, total)

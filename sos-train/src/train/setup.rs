@@ -78,6 +78,7 @@ pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
             Interpolation::Linear => hashgrid::Interpolation::Linear,
             Interpolation::Smoothstep => hashgrid::Interpolation::Smoothstep,
         },
+        hash: model.hash,
         device_reads: model.table_reads,
         ..GridConfig::default()
     };

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use burn::Tensor;
 use burn::tensor::Device;
 use hashgrid::{
-    GridConfig, GridLayout, Interpolation, TableReads, encode, encode_with_jacobian, reference,
+    GridConfig, GridLayout, Hash, Interpolation, TableReads, encode, encode_with_jacobian,
+    reference,
 };
 
 use crate::support::{
@@ -14,16 +15,21 @@ use crate::support::{
 };
 
 fn layout(interpolation: Interpolation) -> Arc<GridLayout> {
-    layout_read(interpolation, TableReads::Single)
+    layout_of(interpolation, Hash::Nodes, TableReads::Single)
 }
 
-fn layout_read(interpolation: Interpolation, device_reads: TableReads) -> Arc<GridLayout> {
+fn layout_of(
+    interpolation: Interpolation,
+    hash: Hash,
+    device_reads: TableReads,
+) -> Arc<GridLayout> {
     Arc::new(GridLayout::new(&GridConfig {
         levels: 6,
         base_resolution: 4,
         finest_resolution: 61,
         log2_table_size: 12,
         interpolation,
+        hash,
         device_reads,
         ..GridConfig::default()
     }))
@@ -102,21 +108,23 @@ fn values_and_gradients_are_the_references() {
     let Some(gpu) = gpu() else {
         return;
     };
-    for (interpolation, reads) in [
-        (Interpolation::Linear, TableReads::Single),
-        (Interpolation::Smoothstep, TableReads::Single),
-        (Interpolation::Linear, TableReads::Half),
-        (Interpolation::Smoothstep, TableReads::Half),
+    for (interpolation, hash, reads) in [
+        (Interpolation::Linear, Hash::Nodes, TableReads::Single),
+        (Interpolation::Linear, Hash::Blocks, TableReads::Single),
+        (Interpolation::Smoothstep, Hash::Nodes, TableReads::Single),
+        (Interpolation::Linear, Hash::Nodes, TableReads::Half),
+        (Interpolation::Smoothstep, Hash::Blocks, TableReads::Half),
     ] {
-        let layout = layout_read(interpolation, reads);
+        let layout = layout_of(interpolation, hash, reads);
         for (n, active) in [(1, 6), (65, 4), (1000, 6)] {
             let found = run(&gpu, &layout, n, active, true);
             let expected = run(&oracle(), &layout, n, active, false);
             for ((what, found, columns, tolerance), (_, expected, ..)) in
                 found.iter().zip(&expected)
             {
-                let what =
-                    format!("{what}, {n} points, {active} levels, {interpolation:?}, {reads:?}");
+                let what = format!(
+                    "{what}, {n} points, {active} levels, {interpolation:?}, {hash:?}, {reads:?}"
+                );
                 assert_columns_close(&what, found, expected, *columns, *tolerance);
             }
         }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use hashgrid::{GridConfig, GridLayout, SparseGrad, TableReads};
+use hashgrid::{GridConfig, GridLayout, Hash, SparseGrad, TableReads};
 use scene_decomp::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, reference, sdf_field};
 
 use crate::support::{
@@ -21,6 +21,7 @@ struct Case {
     active: usize,
     normal: Normal,
     levels: usize,
+    hash: Hash,
     reads: TableReads,
 }
 
@@ -31,6 +32,7 @@ impl Case {
             base_resolution: 4,
             finest_resolution: 40,
             log2_table_size: 10,
+            hash: self.hash,
             device_reads: self.reads,
             ..GridConfig::default()
         }))
@@ -126,8 +128,8 @@ impl Case {
         ];
         for (((name, columns), found), expected) in parts.iter().zip(found).zip(expected) {
             let what = format!(
-                "{name}, {} points, {} of {} levels, {:?}, {:?}",
-                self.n, self.active, self.levels, self.normal, self.reads
+                "{name}, {} points, {} of {} levels, {:?}, {:?}, {:?}",
+                self.n, self.active, self.levels, self.normal, self.hash, self.reads
             );
             let tolerance = if *name == "value" { VALUE } else { GRADIENT };
             assert_columns_close(&what, found, expected, *columns, tolerance);
@@ -137,19 +139,27 @@ impl Case {
 
 fn cases() -> [Case; 7] {
     [
-        (1, 5, Normal::Computed, 5, TableReads::Single),
-        (65, 2, Normal::Zero, 5, TableReads::Single),
-        (300, 3, Normal::Computed, 5, TableReads::Single),
-        (300, 9, Normal::Computed, 9, TableReads::Single),
-        (1000, 5, Normal::Zero, 5, TableReads::Single),
-        (65, 2, Normal::Zero, 5, TableReads::Half),
-        (300, 9, Normal::Computed, 9, TableReads::Half),
+        (1, 5, Normal::Computed, 5, Hash::Nodes, TableReads::Single),
+        (65, 2, Normal::Zero, 5, Hash::Blocks, TableReads::Single),
+        (300, 3, Normal::Computed, 5, Hash::Nodes, TableReads::Single),
+        (
+            300,
+            9,
+            Normal::Computed,
+            9,
+            Hash::Blocks,
+            TableReads::Single,
+        ),
+        (1000, 5, Normal::Zero, 5, Hash::Nodes, TableReads::Single),
+        (65, 2, Normal::Zero, 5, Hash::Nodes, TableReads::Half),
+        (300, 9, Normal::Computed, 9, Hash::Blocks, TableReads::Half),
     ]
-    .map(|(n, active, normal, levels, reads)| Case {
+    .map(|(n, active, normal, levels, hash, reads)| Case {
         n,
         active,
         normal,
         levels,
+        hash,
         reads,
     })
 }
@@ -207,6 +217,7 @@ fn more_points_than_one_chunk_of_rows() {
         active: 3,
         normal: Normal::Computed,
         levels: 3,
+        hash: Hash::Blocks,
         reads: TableReads::Single,
     };
     // Against the CPU kernel, which has its own test against the reference.
