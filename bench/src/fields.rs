@@ -92,7 +92,7 @@ impl OpSizes {
         Self {
             levels,
             hashed: hashes.clone().count() as f64,
-            lines: match hashes.last() {
+            lines: match hashes.clone().next() {
                 // Of two nodes along an axis, every second pair lies in one block.
                 Some(Hash::Blocks) => 1.5_f64.powi(3),
                 Some(Hash::Nodes) | None => 4.0,

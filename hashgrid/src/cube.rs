@@ -162,7 +162,7 @@ pub fn entry(cell: &Cell, #[comptime] c: u32) -> usize {
     (cell.first + select(cell.hashed, hash, dense)) as usize
 }
 
-/// What a node's position along an axis adds to its hash: [`Hash::part`](crate::Hash).
+/// What a node's position along an axis adds to its hash: `Hash::part`.
 #[cube]
 fn part(cell: &Cell, node: u32, #[comptime] axis: u32) -> u32 {
     let shift = cell.block_shift;

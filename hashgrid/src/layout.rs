@@ -26,7 +26,7 @@ pub struct LevelLayout {
 /// All levels of a grid in one table `[entries, 2]`, row-major.
 ///
 /// A level whose `(r+1)³` nodes fit into `T` entries is dense, with node `(x, y, z)` at
-/// `x + (r+1)·(y + (r+1)·z)`. Others are hashed in 32-bit arithmetic, as [`Hash`] says.
+/// `x + (r+1)·(y + (r+1)·z)`. Others are hashed in 32-bit arithmetic, as [`enum@Hash`] says.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GridLayout {
     /// The levels, coarsest first.
