@@ -88,11 +88,10 @@ impl OpSizes {
     /// FoCoR's at the paper's sizes.
     pub(crate) fn new(layout: &GridLayout) -> Self {
         let levels = layout.levels.len() as f64;
-        let hashes = layout.levels.iter().filter_map(|level| level.hash);
         Self {
             levels,
-            hashed: hashes.clone().count() as f64,
-            lines: match hashes.clone().next() {
+            hashed: layout.levels.iter().filter(|l| l.hash.is_some()).count() as f64,
+            lines: match layout.levels.last().and_then(|finest| finest.hash) {
                 // Of two nodes along an axis, every second pair lies in one block.
                 Some(Hash::Blocks) => 1.5_f64.powi(3),
                 Some(Hash::Nodes) | None => 4.0,

@@ -5,6 +5,7 @@ use std::fmt;
 
 use hashgrid::Hash;
 use serde::Serialize;
+use sos_train::config::{Preset, TrainConfig};
 
 use crate::fields::OpFigures;
 use crate::peaks::Peaks;
@@ -53,6 +54,7 @@ impl Report {
             .max_by(|a, b| a.trained_samples_per_s.total_cmp(&b.trained_samples_per_s))
             .unwrap_or_default();
         let (peak_gflops, peak_gbs) = peaks.of(false);
+        let hash = TrainConfig::preset(Preset::Default).model.hash;
         Self {
             threads,
             trained_samples_per_s: best.trained_samples_per_s,
@@ -60,7 +62,7 @@ impl Report {
             phase_ms: best.phase_ms,
             phase_share: best.phase_share,
             overhead_share: best.overhead_share,
-            roofline_share: sdf_share(&ops, Hash::Blocks, false, |op| op.traffic_ms),
+            roofline_share: sdf_share(&ops, hash, false, |op| op.traffic_ms),
             peak_gflops,
             peak_gbs,
             peaks,
