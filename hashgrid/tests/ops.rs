@@ -92,7 +92,7 @@ fn values_and_jacobians_are_the_references() {
 }
 
 #[test]
-fn the_papers_grid_is_hashed_as_the_reference_does() {
+fn grids_of_the_papers_size_are_hashed_as_the_reference_does() {
     for hash in [Hash::Nodes, Hash::Blocks] {
         let config = GridConfig {
             hash,

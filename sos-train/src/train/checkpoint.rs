@@ -31,7 +31,7 @@ struct Numbers {
     seconds: f64,
     object_adam_step: u32,
     background_adam_step: u32,
-    /// What the tables were trained with; those of versions that do not say so were trained with the first.
+    /// What the tables were trained with: nodes, where a checkpoint is of a version that does not say.
     #[serde(default)]
     hash: Hash,
 }
