@@ -110,25 +110,28 @@ impl FrozenSurface {
         self
     }
 
-    /// A copy on another device, which later training does not reach either.
+    /// A copy on another device, which later training does not reach either. Waits for the device that it is on.
+    ///
+    /// # Panics
+    /// When that device is lost.
     #[must_use]
     pub fn to_device(self, device: &Device) -> Self {
         let (sdf, colour) = (self.sdf, self.colour);
         Self {
             sdf: SdfFieldWeights {
-                table: sdf.table.to_device(device),
-                w1: sdf.w1.to_device(device),
-                b1: sdf.b1.to_device(device),
-                w2: sdf.w2.to_device(device),
-                b2: sdf.b2.to_device(device),
+                table: moved(sdf.table, device),
+                w1: moved(sdf.w1, device),
+                b1: moved(sdf.b1, device),
+                w2: moved(sdf.w2, device),
+                b2: moved(sdf.b2, device),
             },
             colour: ColourFieldWeights {
-                w1: colour.w1.to_device(device),
-                b1: colour.b1.to_device(device),
-                w2: colour.w2.to_device(device),
-                b2: colour.b2.to_device(device),
-                w3: colour.w3.to_device(device),
-                b3: colour.b3.to_device(device),
+                w1: moved(colour.w1, device),
+                b1: moved(colour.b1, device),
+                w2: moved(colour.w2, device),
+                b2: moved(colour.b2, device),
+                w3: moved(colour.w3, device),
+                b3: moved(colour.b3, device),
             },
             device: device.clone(),
             ..self
@@ -239,6 +242,14 @@ fn constant<const D: usize>(tensor: Tensor<D>) -> Tensor<D> {
     } else {
         tensor
     }
+}
+
+/// The same values on another device.
+fn moved<const D: usize>(tensor: Tensor<D>, device: &Device) -> Tensor<D> {
+    let data = tensor.to_data();
+    // A GPU's memory is copied when somebody first looks, and may be written to as soon as `tensor` is gone.
+    let _ = data.as_bytes().first();
+    Tensor::from_data(data, device)
 }
 
 fn values(tensor: Tensor<2>) -> Vec<f32> {

@@ -24,24 +24,43 @@ impl Ledger {
     /// The sums of all entries. Waits for the device.
     #[must_use]
     pub fn read(self) -> StepLosses {
-        Self::read_mean(vec![self])
+        Batch::of(vec![self]).mean()
     }
+}
 
-    /// The same, on average over some steps.
-    pub(super) fn read_mean(steps: Vec<Self>) -> StepLosses {
-        let mut losses = StepLosses::default();
-        let count = steps.len() as f32;
+/// The losses of some steps, to be read in one transfer.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Batch {
+    steps: usize,
+    /// One for each entry, where there is any.
+    values: Option<Tensor<1>>,
+    entries: Vec<Entry>,
+}
+
+impl Batch {
+    /// Of these steps.
+    pub(super) fn of(steps: Vec<Ledger>) -> Self {
+        let count = steps.len();
         let (mut values, mut entries) = (Vec::new(), Vec::new());
         for step in steps {
             values.extend(step.values);
             entries.extend(step.entries);
         }
-        if values.is_empty() {
-            return losses;
+        Self {
+            steps: count,
+            values: (!values.is_empty()).then(|| Tensor::cat(values, 0)),
+            entries,
         }
-        let values = Tensor::cat(values, 0).into_data();
-        for (entry, value) in entries.iter().zip(values.iter::<f32>()) {
-            *entry(&mut losses) += value / count;
+    }
+
+    /// The sums of all entries, on average over the steps. Waits for the device.
+    pub(super) fn mean(self) -> StepLosses {
+        let mut losses = StepLosses::default();
+        if let Some(values) = self.values {
+            let values = values.into_data();
+            for (entry, value) in self.entries.iter().zip(values.iter::<f32>()) {
+                *entry(&mut losses) += value / self.steps as f32;
+            }
         }
         losses
     }
@@ -65,7 +84,7 @@ mod tests {
         assert_eq!((losses.mask, losses.total, losses.mse), (0.75, 2.0, 0.0));
         let mut other = Ledger::default();
         other.note(&of(1.0), |losses| &mut losses.total);
-        let mean = Ledger::read_mean(vec![ledger, other]);
+        let mean = Batch::of(vec![ledger, other]).mean();
         assert_eq!((mean.mask, mean.total), (0.375, 1.5));
         assert_eq!(Ledger::default().read().total, 0.0);
     }

@@ -6,6 +6,7 @@ pub mod blend;
 pub mod carve;
 pub mod checkpoint;
 pub mod clock;
+mod courier;
 pub mod distortion;
 mod gather;
 pub mod grids;
@@ -145,21 +146,6 @@ impl Trainer {
     #[must_use]
     pub fn grids(&self) -> &FieldGrids {
         &self.grids
-    }
-
-    /// `b` of FoCoR and BaCo.
-    #[must_use]
-    pub fn sharpness(&self) -> [f32; 2] {
-        let b = self
-            .sharpness
-            .b()
-            .into_data()
-            .try_to_vec::<f32>()
-            .unwrap_or_default();
-        [
-            b.first().copied().unwrap_or(0.0),
-            b.get(1).copied().unwrap_or(0.0),
-        ]
     }
 
     /// Does one step.

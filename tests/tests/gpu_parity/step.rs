@@ -8,7 +8,7 @@ use demo_scene::DemoConfig;
 use hashgrid::{GridLayout, SparseGrad};
 use io_colmap::{MaskSet, Scene as Photos};
 use neus_render::march::{Grids, MarchConfig};
-use scene_decomp::{Scene, Sharpness, Surface};
+use scene_decomp::{FrozenSurface, Scene, Sharpness, Surface};
 use sos_train::config::{Preset, TrainConfig};
 use sos_train::prepare::view::load_views;
 use sos_train::prepare::{Prepared, prepare};
@@ -255,4 +255,38 @@ fn a_run_trains_on_the_gpu_and_its_checkpoint_goes_on_elsewhere() {
     let (a, b) = (back.step(&data), on_cpu.step(&data));
     let mse = |losses: f32| [f64::from(losses)];
     assert_close("next", &mse(b.losses.mse), &mse(a.losses.mse), 1e-3);
+}
+
+/// What is fetched from a GPU by another thread may be read long after this one has trained on.
+#[test]
+fn a_copy_on_the_cpu_is_of_the_fields_as_they_were() {
+    let Some(gpu) = under_test() else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let config = config(gpu.option);
+    let data = prepared(folder.path(), &config);
+    let mut trainer = Trainer::new(&config, &data).unwrap();
+    trainer.step(&data);
+    let points: Vec<f32> = (0..300).map(|i| (i as f32 * 0.37).sin()).collect();
+    let of = |field: &FrozenSurface| -> Vec<f64> {
+        let values = field.geometry(&points).values;
+        values.into_iter().map(f64::from).collect()
+    };
+    let field = trainer.freeze_background(6);
+    let before = of(&field);
+    let (go, wait) = std::sync::mpsc::channel();
+    let fetch = std::thread::spawn(move || {
+        let copy = field.to_device(&Device::flex());
+        // Nobody has looked at its values yet.
+        wait.recv().unwrap();
+        copy
+    });
+    for _ in 0..4 {
+        trainer.step(&data);
+    }
+    let after = of(&trainer.freeze_background(6));
+    assert!(before.iter().zip(&after).any(|(a, b)| (a - b).abs() > 1e-3));
+    go.send(()).unwrap();
+    assert_close("copy", &of(&fetch.join().unwrap()), &before, VALUE);
 }
