@@ -63,9 +63,28 @@ pub(crate) fn match_masks(
     all_photos: &[String],
     masks: &[String],
 ) -> Option<Matches> {
-    by_name(photos, masks)
-        .or_else(|| by_number(photos, all_photos, masks))
-        .or_else(|| by_order(photos, all_photos, masks))
+    let Some(named) = by_name(photos, masks) else {
+        return by_number(photos, all_photos, masks)
+            .or_else(|| by_order(photos, all_photos, masks));
+    };
+    if named.is_complete() {
+        return Some(named);
+    }
+    // Names may fit for some alone: of masks padded to three digits those of photo 100 and on.
+    let numbered = by_number(photos, all_photos, masks);
+    Some(numbered.filter(|all| all.extends(&named)).unwrap_or(named))
+}
+
+impl Matches {
+    fn is_complete(&self) -> bool {
+        self.mask_of.iter().all(Option::is_some)
+    }
+
+    /// Whether it has all pairs that `other` has.
+    fn extends(&self, other: &Self) -> bool {
+        let mut pairs = self.mask_of.iter().zip(&other.mask_of);
+        pairs.all(|(mask, of_other)| of_other.is_none() || mask == of_other)
+    }
 }
 
 fn by_name(photos: &[&str], masks: &[String]) -> Option<Matches> {
@@ -275,6 +294,27 @@ mod tests {
         // Natural order: 2 before 10.
         let order = pairs(&["x.jpg", "y.jpg"], &["m10.png", "m2.png"]);
         assert_eq!(order, Some(vec![Some(1), Some(0)]));
+    }
+
+    #[test]
+    fn names_that_fit_for_some_do_not_hide_numbers_that_fit_for_more() {
+        let photos = ["98.png", "99.png", "100.png", "101.png"];
+        assert_eq!(
+            pairs(&photos, &["098.png", "099.png", "100.png"]),
+            Some(vec![Some(0), Some(1), Some(2), None])
+        );
+        // Where they contradict each other, or some number is of no photo, names it is.
+        assert_eq!(
+            pairs(&["a1.jpg", "a2.jpg"], &["a1.png", "mask_3.png"]),
+            Some(vec![Some(0), None])
+        );
+        assert_eq!(
+            pairs(
+                &["shot_1.jpg", "shot_2.jpg"],
+                &["mask_shot_1.png", "x2.png"]
+            ),
+            Some(vec![Some(0), Some(1)])
+        );
     }
 
     #[test]
