@@ -175,6 +175,10 @@ pub fn degrade_folder(
             return Ok(0);
         };
         let target = draft.path().join(format!("{name}.png"));
+        target
+            .parent()
+            .map_or(Ok(()), std::fs::create_dir_all)
+            .map_err(|e| failed(&target, e.to_string()))?;
         picture(&mask)
             .save(&target)
             .map_err(|e| failed(&target, e.to_string()))?;
