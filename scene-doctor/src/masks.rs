@@ -73,7 +73,7 @@ fn shares(mask: &dyn ObjectMask, (w, h): (u32, u32)) -> (f64, f64) {
 pub(crate) fn masks(exam: &Exam, masks: &Masks) -> Finding {
     let polarity = match masks {
         Masks::None { offered } => {
-            let mut says = "none: the object will be looked for where the cameras look".to_owned();
+            let mut says = "none: the object will be looked for".to_owned();
             if let Some(offered) = offered {
                 says.push_str(&format!(" ({offered})"));
             }

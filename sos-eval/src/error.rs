@@ -28,6 +28,12 @@ pub enum EvalError {
         /// What the decoder said.
         reason: String,
     },
+    /// A picture in colour where a matte is wanted.
+    #[error("{} is in colour and has no alpha channel, so it is no matte: point to grey mattes or masks, or to pictures whose alpha they are", .path.display())]
+    NoMatte {
+        /// The file.
+        path: PathBuf,
+    },
     /// Two pictures of one view that differ in size.
     #[error(
         "{} is {}x{} but {} is {}x{}: export both at the same resolution",

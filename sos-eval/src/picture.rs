@@ -166,7 +166,7 @@ fn open(path: &Path) -> Result<DynamicImage, EvalError> {
 }
 
 /// Reads an alpha matte or mask: the alpha channel if the file has one that is not opaque
-/// everywhere, else the luma. 8 or 16 bits per channel.
+/// everywhere, else the luma, unless it is in colour. 8 or 16 bits per channel.
 pub fn read_alpha(path: &Path) -> Result<Plane, EvalError> {
     let picture = open(path)?;
     let (width, height) = (picture.width() as usize, picture.height() as usize);
@@ -181,6 +181,11 @@ pub fn read_alpha(path: &Path) -> Result<Plane, EvalError> {
             });
         }
     }
+    if picture.color().has_color() && is_colourful(&picture.to_rgb8()) {
+        return Err(EvalError::NoMatte {
+            path: path.to_owned(),
+        });
+    }
     let values = picture
         .into_luma16()
         .into_raw()
@@ -192,6 +197,18 @@ pub fn read_alpha(path: &Path) -> Result<Plane, EvalError> {
         height,
         values,
     })
+}
+
+/// Whether a picture is a photo or a coloured drawing, not something grey in three channels, which JPEG may have
+/// tinted a little.
+fn is_colourful(picture: &image::RgbImage) -> bool {
+    const TINT: u8 = 24;
+    let coloured = |pixel: &&image::Rgb<u8>| {
+        let [r, g, b] = pixel.0;
+        r.max(g).max(b) - r.min(g).min(b) > TINT
+    };
+    let count = picture.pixels().filter(coloured).count();
+    50 * count > picture.pixels().len()
 }
 
 /// Reads a picture's colours, as stored; an alpha channel is ignored.

@@ -124,6 +124,35 @@ fn a_prefix_tells_two_cameras_apart() {
     );
 }
 
+/// Photos of several cameras lie in a folder each, and so do a run's mattes.
+#[test]
+fn pictures_in_folders_are_found() {
+    let root = tempfile::tempdir().unwrap();
+    let [pred, truth, out] = ["pred", "truth", "out"].map(|name| root.path().join(name));
+    for (name, radius) in [("left/01", 5.0), ("right/01", 12.0)] {
+        let matte = disc(40, 20.0, 20.0, radius);
+        save(&matte, &pred.join(format!("{name}.png")));
+        save(&matte, &truth.join(format!("{name}.png")));
+        save(&matte, &root.path().join(format!("photos/{name}.jpg")));
+    }
+    let report = compare_folders(&pred, &truth, None).unwrap();
+    let names: Vec<&str> = report.views.iter().map(|view| view.name.as_str()).collect();
+    assert_eq!((names, report.mean.iou), (vec!["left/01", "right/01"], 1.0));
+
+    // A name in one folder is what is called so in another, unless two are.
+    save(&disc(40, 20.0, 20.0, 5.0), &root.path().join("flat/01.png"));
+    let flat = compare_folders(&pred, &root.path().join("flat"), None);
+    assert!(matches!(flat, Err(EvalError::Ambiguous { .. })), "{flat:?}");
+    fs::remove_dir_all(pred.join("right")).unwrap();
+    let flat = compare_folders(&pred, &root.path().join("flat"), None).unwrap();
+    assert_eq!(flat.mean.iou, 1.0);
+
+    let photos = root.path().join("photos");
+    let written = degrade_folder(&truth, &photos, Fault::Eroded, 0.2, 1, &out).unwrap();
+    assert_eq!(written, 2);
+    assert!(out.join("left/01.png").is_file() && out.join("right/01.png").is_file());
+}
+
 #[test]
 fn alpha_is_read_from_any_kind_of_picture() {
     let root = tempfile::tempdir().unwrap();
@@ -160,6 +189,18 @@ fn alpha_is_read_from_any_kind_of_picture() {
         .save(&path)
         .unwrap(); // an empty cut-out
     assert_eq!(read_alpha(&path).unwrap(), Plane::empty(6, 1));
+    // Grey that JPEG has tinted is grey; a photo is no matte.
+    RgbaImage::from_fn(6, 1, |x, _| {
+        Rgba([levels(x), levels(x), levels(x).max(12) - 12, 255])
+    })
+    .save(&path)
+    .unwrap();
+    assert!(read_alpha(&path).is_ok());
+    RgbaImage::from_fn(6, 1, |x, _| Rgba([levels(x), 90, 30, 255]))
+        .save(&path)
+        .unwrap();
+    let error = read_alpha(&path).unwrap_err();
+    assert!(matches!(error, EvalError::NoMatte { .. }), "{error}");
 }
 
 #[test]
