@@ -5,7 +5,7 @@ use crate::draft::Draft;
 use crate::error::ExportError;
 use crate::mesh::Mesh;
 use crate::photos::renamed;
-use crate::picture::Matte;
+use crate::picture::Silhouette;
 use crate::run::{Posed, Run};
 use image::{ColorType, ImageDecoder as _, ImageReader};
 use io_colmap::{Model, Scene, SparsePoint};
@@ -27,9 +27,9 @@ pub(crate) fn write(
     draft: &Draft,
     notes: &mut Vec<String>,
 ) -> Result<usize, ExportError> {
-    let mattes: Vec<Matte> = posed
+    let silhouettes: Vec<Silhouette> = posed
         .par_iter()
-        .map(|posed| run.matte_of(*posed))
+        .map(|posed| Ok(run.matte_of(*posed)?.silhouette()))
         .collect::<Result<_, ExportError>>()?;
     posed
         .par_iter()
@@ -37,7 +37,7 @@ pub(crate) fn write(
 
     let mut model = renamed(&scene.model, posed, &photo_names(posed));
     let all = model.points.len();
-    model.points = on_object(&scene.model, posed, &mattes);
+    model.points = on_object(&scene.model, posed, &silhouettes);
     let kept = model.points.len();
     notes.push(format!(
         "{kept} of {all} sparse points lie on the object in most of the views that see them"
@@ -90,7 +90,7 @@ fn copy_cutout(run: &Run, posed: Posed<'_>, draft: &Draft) -> Result<(), ExportE
 
 /// The points whose projections lie on the object in more than half of the views that saw them, or,
 /// where the model does not say which those are, of the views that could.
-fn on_object(model: &Model, posed: &[Posed<'_>], mattes: &[Matte]) -> Vec<SparsePoint> {
+fn on_object(model: &Model, posed: &[Posed<'_>], silhouettes: &[Silhouette]) -> Vec<SparsePoint> {
     let by_id: HashMap<u32, usize> = posed
         .iter()
         .enumerate()
@@ -101,7 +101,7 @@ fn on_object(model: &Model, posed: &[Posed<'_>], mattes: &[Matte]) -> Vec<Sparse
             let Posed { view, camera, .. } = posed[i];
             let seen = view.camera_from_world.transform_point(point.position);
             let pixel = camera.project(seen)?;
-            mattes[i].holds(pixel.x, pixel.y)
+            silhouettes[i].holds(pixel.x, pixel.y)
         };
         let track = point.views.iter().filter_map(|id| by_id.get(id).copied());
         let cast: Vec<bool> = if point.views.is_empty() {

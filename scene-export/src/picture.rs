@@ -32,13 +32,38 @@ impl Matte {
         self.values.iter().map(byte).collect()
     }
 
-    /// Whether the object covers at least half of the pixel in which a point lies.
+    /// Where the object covers at least half of a pixel, in a sixteenth of the memory.
+    pub(crate) fn silhouette(&self) -> Silhouette {
+        let word = |values: &[u16]| {
+            let bits = values.iter().enumerate();
+            bits.fold(0, |word, (bit, value)| {
+                word | u64::from(*value >= HALF) << bit
+            })
+        };
+        Silhouette {
+            width: self.width,
+            height: self.height,
+            words: self.values.chunks(64).map(word).collect(),
+        }
+    }
+}
+
+/// Which pixels are the object's, a bit each: there may be hundreds of large ones at once.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Silhouette {
+    width: u32,
+    height: u32,
+    words: Vec<u64>,
+}
+
+impl Silhouette {
+    /// Whether a point lies in a pixel that is the object's; `None` outside the picture.
     pub(crate) fn holds(&self, x: f64, y: f64) -> Option<bool> {
         let inside =
             x >= 0.0 && y >= 0.0 && x < f64::from(self.width) && y < f64::from(self.height);
         inside.then(|| {
             let at = y as usize * self.width as usize + x as usize;
-            self.values[at] >= HALF
+            self.words[at / 64] >> (at % 64) & 1 == 1
         })
     }
 }
@@ -123,10 +148,25 @@ mod tests {
             values: vec![HALF - 1, HALF],
         };
         assert_eq!(matte.binary(255, 0), [0, 255]);
-        assert_eq!(matte.holds(0.99, 0.5), Some(false));
-        assert_eq!(matte.holds(1.0, 0.5), Some(true));
+        let silhouette = matte.silhouette();
+        assert_eq!(silhouette.holds(0.99, 0.5), Some(false));
+        assert_eq!(silhouette.holds(1.0, 0.5), Some(true));
         for (x, y) in [(2.0, 0.5), (-0.1, 0.5), (0.5, 1.0), (f64::NAN, 0.5)] {
-            assert_eq!(matte.holds(x, y), None);
+            assert_eq!(silhouette.holds(x, y), None);
+        }
+        let (width, height) = (50, 3);
+        let values: Vec<u16> = (0..width * height)
+            .map(|i| if i % 7 < 3 { HALF } else { HALF - 1 })
+            .collect();
+        let matte = Matte {
+            width: width as u32,
+            height: height as u32,
+            values,
+        };
+        let silhouette = matte.silhouette();
+        for i in 0..width * height {
+            let at = [i % width, i / width].map(|v| v as f64 + 0.5);
+            assert_eq!(silhouette.holds(at[0], at[1]), Some(i % 7 < 3), "{i}");
         }
     }
 }
