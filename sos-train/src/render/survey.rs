@@ -158,9 +158,12 @@ impl CoarseView {
         near
     }
 
-    /// The cells around `cells` that are not drawn yet.
+    /// The cells around `cells`, which may be named more than once, that are not drawn yet.
     fn around(&self, cells: impl Iterator<Item = usize>) -> Vec<usize> {
-        let near = self.within(cells, AROUND);
+        // Of 200 large photos there are tens of millions, a thousand for each cell.
+        let mut asked = vec![false; self.cells()];
+        cells.for_each(|cell| asked[cell] = true);
+        let near = self.within((0..asked.len()).filter(|&cell| asked[cell]), AROUND);
         (0..self.cells())
             .filter(|&cell| near[cell] && !self.drawn[cell])
             .collect()

@@ -2,6 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use neus_render::rays::Ray;
+use rayon::prelude::*;
 
 use super::edge_width::EdgeWidth;
 use super::fill::fill;
@@ -24,6 +25,8 @@ const COLOUR_REACH: i32 = 4;
 const PLATE_REACH: i32 = 3;
 /// Views that must have seen what the object hides for plates to show it as it was learnt: fewer may all be wrong.
 const LEAST_SEEN: u8 = 3;
+/// Pixels of which one task asks all views.
+const PIXELS_PER_TASK: usize = 1024;
 
 /// In the list of pixels' rays, a pixel without one.
 const NO_RAY: u32 = u32::MAX;
@@ -113,25 +116,37 @@ pub fn render_view(
         let hit = rendered.get(hits[i] as usize)?;
         (hit.object_opacity >= LEAST_OPACITY).then_some(hit.object)
     };
+    // Of a plate's own pixels, which each view is asked about: nearly all of the time that is not spent on rays.
+    let plate_share = |i: usize| if ignored(i as u32) { 1.0 } else { reach[i] };
+    let all = data.views.len().min(255) as u8;
+    out.seen
+        .par_iter_mut()
+        .with_min_len(PIXELS_PER_TASK)
+        .enumerate()
+        .for_each(|(i, seen)| {
+            let ray = hits[i] as usize;
+            *seen = match rendered.get(ray) {
+                Some(hit) if plate_share(i) > 0.0 => {
+                    survey.seen(data, &rays[ray], hit.background_distance, hit.background)
+                }
+                _ => all,
+            };
+        });
     // What stands behind the object, before the photo's share along the seam is mixed in.
     let mut behind = vec![[0.0; 3]; pixels];
-    let all = data.views.len().min(255) as u8;
     for i in 0..pixels {
         let photo = photo_colour(view.photo.as_raw(), i);
         let k = hits[i] as usize;
         if hits[i] == NO_RAY {
             out.foreground[i] = photo.to_array();
             behind[i] = photo.to_array();
-            out.seen[i] = all;
             continue;
         }
         let hit = &rendered[k];
-        let share = if ignored(i as u32) { 1.0 } else { reach[i] };
-        (behind[i], out.seen[i]) = if share > 0.0 {
-            let seen = survey.seen(data, &rays[k], hit.background_distance, hit.background);
-            (hit.background.to_array(), seen)
+        behind[i] = if plate_share(i) > 0.0 {
+            hit.background.to_array()
         } else {
-            (photo.to_array(), all)
+            photo.to_array()
         };
         let own = object_colour(i)
             .or_else(|| mean_around(&object_colour, i, width, height))
@@ -150,8 +165,7 @@ pub fn render_view(
     }
     for (i, (plate, behind)) in out.background.iter_mut().zip(behind).enumerate() {
         let photo = photo_colour(view.photo.as_raw(), i);
-        let share = if ignored(i as u32) { 1.0 } else { reach[i] };
-        *plate = photo.lerp(behind.into(), share).to_array();
+        *plate = photo.lerp(behind.into(), plate_share(i)).to_array();
     }
     out
 }
