@@ -7,6 +7,7 @@
 
 mod error;
 mod files;
+mod lock;
 
 pub use error::RunError;
 pub(crate) use files::{view_file, write_folder, write_whole};
@@ -14,6 +15,7 @@ pub(crate) use files::{view_file, write_folder, write_whole};
 use files::{
     Durability, PARTIAL, remove_file, remove_folder, remove_made, remove_pictures, write_file,
 };
+use lock::{LOCK, Lock};
 use std::fs;
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
@@ -62,6 +64,8 @@ pub struct RunFolder {
     root: PathBuf,
     /// What is still to be done before the first file is written.
     pending: Arc<Mutex<Option<Pending>>>,
+    /// Of whoever makes the run, not of those who look at it.
+    lock: Option<Arc<Lock>>,
 }
 
 #[derive(Debug)]
@@ -75,8 +79,8 @@ impl RunFolder {
     /// until the first file is written.
     ///
     /// # Errors
-    /// [`RunError`] if a run is there and `existing` says to keep it, if the folder holds anything
-    /// else than a scene that an earlier run has left, or if it cannot be written to.
+    /// [`RunError`] if a run is there and `existing` says to keep it, if another process makes one, if the folder
+    /// holds anything else than a scene that an earlier run has left, or if it cannot be written to.
     pub fn create(path: &Path, existing: Existing) -> Result<Self, RunError> {
         let mut replace = false;
         match fs::read_dir(path) {
@@ -84,7 +88,7 @@ impl RunFolder {
                 let names: Vec<String> = entries
                     .flatten()
                     .map(|entry| entry.file_name().to_string_lossy().into_owned())
-                    .filter(|name| !name.starts_with(PARTIAL))
+                    .filter(|name| !name.starts_with(PARTIAL) && name != LOCK)
                     .collect();
                 if names
                     .iter()
@@ -116,12 +120,26 @@ impl RunFolder {
                 replace,
                 config: None,
             }))),
+            lock: None,
         };
         run.probe()?;
-        Ok(run)
+        run.locked()
     }
 
-    /// The folder of a run that is there, to go on with it or to look at it.
+    /// The folder of a run that is there, to go on with it.
+    ///
+    /// # Errors
+    /// [`RunError::NoRun`] if there is none, [`RunError::Busy`] while another process makes it.
+    pub fn go_on(path: &Path) -> Result<Self, RunError> {
+        Self::open_existing(path)?.locked()
+    }
+
+    fn locked(self) -> Result<Self, RunError> {
+        let lock = Lock::take(&self.root)?.map(Arc::new);
+        Ok(Self { lock, ..self })
+    }
+
+    /// The folder of a run that is there, to look at it.
     ///
     /// # Errors
     /// [`RunError::NoRun`] if there is none.
@@ -138,6 +156,7 @@ impl RunFolder {
         Self {
             root: path.to_path_buf(),
             pending: Arc::default(),
+            lock: None,
         }
     }
 
@@ -198,6 +217,9 @@ impl RunFolder {
         }
         if owns_scene {
             remove_folder(&self.scene_dir())?;
+        }
+        if let Some(lock) = &self.lock {
+            lock.remove_file();
         }
         // Refused for a folder with anything in it, which is the point.
         let _ = fs::remove_dir(&self.root);

@@ -267,7 +267,7 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
 
 pub(super) fn folder(args: &TrainArgs, path: &Path) -> Result<RunFolder, RunError> {
     if args.resume {
-        RunFolder::open_existing(path)
+        RunFolder::go_on(path)
     } else {
         RunFolder::create(
             path,

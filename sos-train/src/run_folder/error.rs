@@ -22,6 +22,12 @@ pub enum RunError {
         /// The run's folder.
         path: PathBuf,
     },
+    /// Another process trains into the folder.
+    #[error("{} is being written to by another sos train; wait until it is done, stop it, or choose another folder with --out", path.display())]
+    Busy {
+        /// The run's folder.
+        path: PathBuf,
+    },
     /// The folder is in use for something else.
     #[error("{} is not empty and holds no run, so nothing is written there; choose another folder with --out", path.display())]
     Foreign {

@@ -64,6 +64,36 @@ fn an_existing_run_is_kept_unless_told_otherwise() {
 }
 
 #[test]
+fn one_process_at_a_time_makes_a_run() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run");
+    let run = RunFolder::create(&path, Existing::Keep).unwrap();
+    // Before it has written anything, and afterwards.
+    let error = RunFolder::create(&path, Existing::Keep).unwrap_err();
+    assert!(matches!(error, RunError::Busy { .. }), "{error}");
+    assert!(error.to_string().contains("--out"), "{error}");
+    fill(&run);
+    let busy = |result: Result<RunFolder, RunError>| matches!(result, Err(RunError::Busy { .. }));
+    assert!(busy(RunFolder::create(&path, Existing::Replace)));
+    assert!(busy(RunFolder::go_on(&path)));
+    // Whoever looks at it takes no part.
+    assert!(RunFolder::open_existing(&path).is_ok());
+    let clone = run.clone();
+    drop(run);
+    assert!(busy(RunFolder::go_on(&path)));
+    drop(clone);
+    let before = tree(&path);
+    assert!(
+        !before.iter().any(|name| name.contains("lock")),
+        "{before:?}"
+    );
+    // What a process that was killed leaves holds nobody up.
+    fs::write(path.join(".lock"), "").unwrap();
+    drop(RunFolder::go_on(&path).unwrap());
+    assert_eq!(tree(&path), before);
+}
+
+#[test]
 fn replacing_waits_for_something_to_write_and_spares_what_is_not_ours() {
     let dir = tempfile::tempdir().unwrap();
     let path = run_in(dir.path());
