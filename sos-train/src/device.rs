@@ -17,6 +17,37 @@ pub struct ChosenDevice {
     pub is_cpu: bool,
 }
 
+/// What every build but one with CUDA alone has besides.
+const OTHERS: &str = if cfg!(feature = "wgpu") {
+    "wgpu or cpu"
+} else {
+    "cpu"
+};
+
+/// Whether this build can use the device of such a name at all.
+///
+/// # Errors
+/// When what it takes was not compiled in.
+pub fn built_in(name: &str) -> Result<(), PrepareError> {
+    let remedy = match name {
+        "wgpu" if !cfg!(feature = "wgpu") => {
+            "this build has no GPU kernels; build with --features wgpu (with cargo xtask: --device wgpu), or \
+             choose cpu"
+                .to_owned()
+        }
+        "cuda" if !cfg!(feature = "cuda") => {
+            format!(
+                "this build has no CUDA; build with --features cuda (with cargo xtask: --device cuda), or choose {OTHERS}"
+            )
+        }
+        _ => return Ok(()),
+    };
+    Err(PrepareError::Device {
+        name: name.to_owned(),
+        remedy,
+    })
+}
+
 /// The device of a name of the command line, one of [`DEVICES`](crate::config::DEVICES).
 ///
 /// `auto` is a GPU where the build can use one and there is one, through CUDA before wgpu, else the CPU:
@@ -26,19 +57,13 @@ pub struct ChosenDevice {
 /// When the name is unknown, not compiled in, or there is no such device.
 #[allow(deprecated)] // upstream prefers Flex; NdArray is supported as well
 pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
+    built_in(name)?;
     match name {
         "auto" => Ok(cuda()
             .or_else(|| gpu(Software::Refused))
             .unwrap_or_else(|| cpu("Flex", Device::flex()))),
         "cpu" | "flex" => Ok(cpu("Flex", Device::flex())),
         "ndarray" => Ok(cpu("NdArray", Device::ndarray())),
-        "wgpu" if !cfg!(feature = "wgpu") => Err(PrepareError::Device {
-            name: name.to_owned(),
-            remedy:
-                "this build is for the CPU alone; build with --features wgpu (with cargo xtask: \
-                     --device wgpu), or choose cpu"
-                    .to_owned(),
-        }),
         "wgpu" => gpu(Software::Allowed).ok_or_else(|| PrepareError::Device {
             name: name.to_owned(),
             remedy: if cfg!(feature = "vulkan") {
@@ -50,14 +75,9 @@ pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
             }
             .to_owned(),
         }),
-        "cuda" if !cfg!(feature = "cuda") => Err(PrepareError::Device {
-            name: name.to_owned(),
-            remedy: "this build has no CUDA; build with --features cuda, or choose wgpu or cpu"
-                .to_owned(),
-        }),
         "cuda" => cuda().ok_or_else(|| PrepareError::Device {
             name: name.to_owned(),
-            remedy: "there is no NVIDIA GPU with a driver here; choose wgpu or cpu".to_owned(),
+            remedy: format!("there is no NVIDIA GPU with a driver here; choose {OTHERS}"),
         }),
         other => Err(PrepareError::Device {
             name: other.to_owned(),

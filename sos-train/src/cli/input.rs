@@ -3,9 +3,11 @@
 use super::TrainArgs;
 use super::answer::Voice;
 use crate::config::{InputRecord, MaskPolarity, RunRecord, TrainConfig};
+use crate::device::built_in;
 use crate::discover::hint::{Click, WorldBox};
 use crate::error::InputError;
 use crate::run_folder::{RunError, RunFolder};
+use crate::train::checkpoint::step_of;
 use anyhow::Context as _;
 use demo_scene::{DemoConfig, DemoError, DemoScene, generate};
 use scene_import::MaskSource;
@@ -15,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Given for `--masks`, it means that there are to be none.
-const NO_MASKS: &str = "none";
+pub(super) const NO_MASKS: &str = "none";
 /// Given for `--masks`, it means the photos' alpha channels.
 const ALPHA: &str = "alpha";
 
@@ -96,8 +98,20 @@ impl Plan {
             config.apply_override(assignment)?;
         }
         config.validate()?;
+        built_in(&config.device)?;
         if let (true, Some(record)) = (args.resume, &saved) {
             config.check_resumes(&record.config)?;
+            // Its record would say that it had fewer.
+            let step = step_of(&RunFolder::open_existing(&out)?)?;
+            if config.steps < step {
+                let wrong = format!(
+                    "this run is at step {step} already, and --steps is {}",
+                    config.steps
+                );
+                let remedy =
+                    "leave --steps out to have its results drawn again, or give more to train on";
+                return Err(InputError::new(&out, wrong, remedy).into());
+            }
         }
 
         let input = saved.and_then(|record| record.input);

@@ -48,6 +48,30 @@ const AGREEMENT: &str = "agreement.f32";
 const NUMBERS: &str = "numbers.json";
 const MASK_FAULTS: &str = "mask_faults.json";
 
+/// The step that a run goes on from.
+///
+/// # Errors
+/// When there is no checkpoint, or it cannot be read.
+pub fn step_of(run: &RunFolder) -> anyhow::Result<u32> {
+    Ok(numbers_in(&folder_of(run))?.step)
+}
+
+/// Where a run's checkpoint is.
+fn folder_of(run: &RunFolder) -> PathBuf {
+    let folder = run.checkpoint_dir();
+    if folder.exists() {
+        return folder;
+    }
+    // A run killed between the two renames of `save`.
+    folder.with_extension("old")
+}
+
+fn numbers_in(folder: &Path) -> anyhow::Result<Numbers> {
+    let path = folder.join(NUMBERS);
+    let text = fs::read(&path).map_err(|e| unusable(path.clone(), &e))?;
+    Ok(serde_json::from_slice(&text).map_err(|e| unusable(path, &e))?)
+}
+
 impl Trainer {
     /// The scene as it is now, for rendering.
     #[must_use]
@@ -140,15 +164,9 @@ impl Trainer {
     /// # Errors
     /// When there is none, or one of another model.
     pub fn load(&mut self, run: &RunFolder) -> anyhow::Result<f64> {
-        let mut folder = run.checkpoint_dir();
-        if !folder.exists() {
-            // A run killed between the two renames of `save`.
-            folder = folder.with_extension("old");
-        }
+        let folder = folder_of(run);
         let path = |name: &str| folder.join(name);
-        let text = fs::read(path(NUMBERS)).map_err(|e| unusable(path(NUMBERS), &e))?;
-        let numbers: Numbers =
-            serde_json::from_slice(&text).map_err(|e| unusable(path(NUMBERS), &e))?;
+        let numbers = numbers_in(&folder)?;
         let text = fs::read(path(MASK_FAULTS)).map_err(|e| unusable(path(MASK_FAULTS), &e))?;
         let faults: MaskFaults =
             serde_json::from_slice(&text).map_err(|e| unusable(path(MASK_FAULTS), &e))?;

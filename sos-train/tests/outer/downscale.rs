@@ -56,6 +56,12 @@ fn results_keep_the_size_of_the_photos() {
     assert!(said.contains("prepare.downscale is 3"), "{said}");
     let (code, said) = train(&["--resume", "--steps", "3"]);
     assert_eq!(code, Some(0), "{said}");
+    // Its record would say that it had fewer.
+    let before = fs::read_to_string(run.join("config.toml")).unwrap();
+    let (code, said) = train(&["--resume", "--steps", "2"]);
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("at step 3 already"), "{said}");
+    assert_eq!(fs::read_to_string(run.join("config.toml")).unwrap(), before);
     // Drawn from elsewhere, the run needs tables of the size that it was trained with.
     let draw = ["render", "run", "--turntable", "1", "--size", "16"];
     let output = Command::new(env!("CARGO_BIN_EXE_sos"))
