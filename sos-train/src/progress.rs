@@ -286,7 +286,8 @@ pub fn watch_interrupt(then: AtInterrupt) -> Result<Arc<AtomicBool>, ctrlc::Erro
             std::process::exit(i32::from(crate::error::EXIT_INTERRUPTED));
         }
         line(if saves {
-            "stopping after this step and saving a checkpoint; Ctrl-C again stops at once"
+            "stopping after this step, which takes up to a minute where the object is carved out, and saving a checkpoint; \
+             Ctrl-C again stops at once"
         } else {
             "stopping; nothing is kept"
         });

@@ -278,7 +278,8 @@ fn train_command(args: &DoctorArgs) -> String {
         add("--polarity", word);
     }
     if let Some(click) = &args.click {
-        add("--click", format!("{}:{},{}", click.view, click.x, click.y));
+        let place = format!("{}:{},{}", click.view, click.x, click.y);
+        add("--click", quoted(Path::new(&place)));
     }
     if let Some(object_box) = &args.object_box {
         let numbers = [object_box.low, object_box.high].concat();

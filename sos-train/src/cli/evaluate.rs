@@ -50,13 +50,21 @@ pub(super) fn compare(args: &CompareArgs) -> anyhow::Result<()> {
         .iter()
         .map(|c| Contender::parse(c))
         .collect();
+    for (i, contender) in contenders.iter().enumerate() {
+        let name = &contender.name;
+        if contenders[..i].iter().any(|other| other.name == *name) {
+            let wrong = format!("two of the entries are called {name}");
+            let remedy = "give each a name of its own, as in NAME=DIR";
+            return Err(InputError::new(&contender.dir, wrong, remedy).into());
+        }
+    }
     let comparison = compare_contenders(&contenders, &args.gt)?;
-    Voice::of(args.json, false).answer(&comparison, &comparison.table())?;
+    // First: a command that fails has no answer.
     if let Some(path) = &args.page {
         let page = comparison_page(&comparison, &contenders, &args.gt)?;
         write_whole(path, page.as_bytes())?;
     }
-    Ok(())
+    Voice::of(args.json, false).answer(&comparison, &comparison.table())
 }
 
 /// Makes a run's report again.

@@ -2,6 +2,7 @@
 
 use super::HullArgs;
 use super::answer::Voice;
+use super::input::NO_MASKS;
 use crate::config::{MaskPolarity, Preset, TrainConfig};
 use crate::error::InputError;
 use crate::export::check_names;
@@ -27,6 +28,10 @@ const SOFTNESS: f32 = 0.2;
 pub(super) fn write(args: &HullArgs) -> anyhow::Result<()> {
     if args.out.exists() {
         return Err(InputError::new(&args.out, "it exists already", "choose another --out").into());
+    }
+    if args.masks.as_os_str() == NO_MASKS {
+        let remedy = "give the folder of rough masks with --masks";
+        return Err(InputError::new(&args.scene, "a hull is made of masks", remedy).into());
     }
     let views = write_hull(&args.scene, &args.masks, args.polarity, &args.out)?;
     let result = json!({ "folder": args.out, "mattes": views });

@@ -99,27 +99,8 @@ impl std::str::FromStr for WorldBox {
 impl Click {
     /// The number of the view it is in.
     fn find(&self, views: &[TrainView]) -> Result<usize, PrepareError> {
-        let stem = |name: &str| {
-            let file = name.rsplit('/').next().unwrap_or(name);
-            file.rsplit_once('.')
-                .map_or(file, |(stem, _)| stem)
-                .to_owned()
-        };
-        let number = views
-            .iter()
-            .position(|view| view.name == self.view)
-            .or_else(|| {
-                views
-                    .iter()
-                    .position(|view| stem(&view.name) == stem(&self.view))
-            })
-            .ok_or_else(|| {
-                PrepareError::Scene(format!(
-                    "--click {}: no photo of that name has a pose; names are like {}",
-                    self.view,
-                    views.first().map_or("001.jpg", |view| view.name.as_str())
-                ))
-            })?;
+        let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
+        let number = view_called(&self.view, &names)?;
         let (width, height) = (views[number].width(), views[number].height());
         if !(0.0..f64::from(width)).contains(&self.x) || !(0.0..f64::from(height)).contains(&self.y)
         {
@@ -131,6 +112,42 @@ impl Click {
         }
         Ok(number)
     }
+}
+
+/// Which of `names` is meant: by the name in full, or without folders, without ending, or with another one.
+fn view_called(given: &str, names: &[&str]) -> Result<usize, PrepareError> {
+    let rounds: [&dyn Fn(&str) -> bool; 3] = [
+        &|name| name == given,
+        &|name| [file(name), stem(name), stem(file(name))].contains(&given),
+        &|name| stem(file(name)) == stem(file(given)),
+    ];
+    for fits in rounds {
+        let mut found = (0..names.len()).filter(|&i| fits(names[i]));
+        match (found.next(), found.next()) {
+            (Some(number), None) => return Ok(number),
+            (Some(first), Some(second)) => {
+                return Err(PrepareError::Scene(format!(
+                    "--click {given}: both {} and {} are called that; give the whole name",
+                    names[first], names[second]
+                )));
+            }
+            (None, _) => {}
+        }
+    }
+    Err(PrepareError::Scene(format!(
+        "--click {given}: no photo of that name has a pose; names are like {}",
+        names.first().unwrap_or(&"001.jpg")
+    )))
+}
+
+/// A name without its folders.
+fn file(name: &str) -> &str {
+    name.rsplit('/').next().unwrap_or(name)
+}
+
+/// A name without its ending.
+fn stem(name: &str) -> &str {
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }
 
 impl Hint {
@@ -276,6 +293,29 @@ mod tests {
         assert_eq!((given.low, given.high), ([-1.0, 0.0, 2.5], [1.0, 2.0, 3.0]));
         for wrong in ["1,2,3", "1,0,0,0,1,1", "a,b,c,d,e,f", "0,0,0,1,1,nan"] {
             assert!(wrong.parse::<WorldBox>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_view_is_found_by_any_name_that_no_other_has() {
+        let names = [
+            "left/001.jpg",
+            "right/001.jpg",
+            "right/IMG.0012.jpg",
+            "IMG.jpg",
+        ];
+        let found = |given| view_called(given, &names).ok();
+        assert_eq!(found("right/001.jpg"), Some(1));
+        assert_eq!(found("right/001"), Some(1));
+        assert_eq!(found("IMG.0012.jpg"), Some(2));
+        assert_eq!(found("IMG.0012"), Some(2));
+        assert_eq!(found("IMG.png"), Some(3));
+        assert_eq!(found("002.jpg"), None);
+        for both in ["001.jpg", "001", "001.png"] {
+            let error = view_called(both, &names)
+                .expect_err("two have it")
+                .to_string();
+            assert!(error.contains("left/001.jpg and right/001.jpg"), "{error}");
         }
     }
 }

@@ -58,6 +58,9 @@ const BELOW_GROUND: f32 = 0.06;
 /// Share of points on the ground that it takes, and below it that rules it out.
 const LEAST_ON: f32 = 0.03;
 const MOST_BELOW: f32 = 0.1;
+/// Sparse points that planes are tried on: of millions, all would take minutes and say the same.
+const MOST_POINTS: usize = 50_000;
+
 /// A point of a fused surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
@@ -99,7 +102,7 @@ pub fn surface_points(solid: &[f32], resolution: usize) -> Vec<SurfacePoint> {
 /// time are not, on a polished table above all.
 #[must_use]
 pub fn ground(points: &[Vec3], cameras: &[Vec3], seed: u64) -> Option<Plane> {
-    let around: Vec<Vec3> = points
+    let mut around: Vec<Vec3> = points
         .iter()
         .copied()
         .filter(|p| p.length() < AROUND)
@@ -107,6 +110,8 @@ pub fn ground(points: &[Vec3], cameras: &[Vec3], seed: u64) -> Option<Plane> {
     if around.len() < LEAST_POINTS {
         return None;
     }
+    let stride = around.len().div_ceil(MOST_POINTS);
+    around = around.into_iter().step_by(stride).collect();
     let score = |plane: &Plane| {
         let (mut on, mut below) = (0.0, 0.0);
         for p in &around {

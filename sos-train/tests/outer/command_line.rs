@@ -458,4 +458,9 @@ fn the_visual_hull_is_written_and_compared() {
         &["compare", "--gt", "scene", "nowhere"],
         &["nowhere"],
     );
+    refused(
+        dir.path(),
+        &["compare", "--gt", "scene", "a=hull", "a=scene/coarse_masks"],
+        &["two of the entries are called a", "NAME=DIR"],
+    );
 }
