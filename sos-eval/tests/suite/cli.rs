@@ -75,9 +75,11 @@ fn bad_input_exits_with_2_and_one_sentence() {
     save(&disc(40, 20.0, 20.0, 10.0), &truth.join("000.png"));
     let nowhere = root.path().join("nowhere");
     let unwritable = nowhere.join("scores.json");
+    let empty = root.path().join("empty");
+    std::fs::create_dir(&empty).unwrap();
     for args in [
         vec![&*nowhere, &*truth],
-        vec![&*truth, root.path()],
+        vec![&*truth, &*empty],
         vec![&*truth, &*truth, Path::new("--json"), &*unwritable],
     ] {
         let out = sos_eval(&args);
