@@ -128,7 +128,7 @@ fn default() -> TrainConfig {
             mesh_resolution: 256,
             follow_photos: true,
             fill_unseen: true,
-            preview_every: 500,
+            preview_every: 1000,
             checkpoint_every: 1000,
         },
     }

@@ -6,6 +6,7 @@ use burn::tensor::{Device, TensorData};
 use glam::Vec3;
 use losses::eikonal_loss;
 use rand::{Rng, RngExt};
+use scene_decomp::SurfaceSamples;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::super::Trainer;
@@ -14,8 +15,10 @@ use crate::config::Transparency;
 use crate::prepare::Prepared;
 
 /// Steps, and points of each.
-const STEPS: u32 = 400;
+const STEPS: u32 = 200;
 const POINTS: usize = 8192;
+/// How many of them lie near the surface, and are told colours.
+const COLOURED: usize = POINTS / 2;
 /// Points within this share of the truncation are told their distance, others only their side.
 const NEAR: f32 = 0.9;
 /// Weight of the colours beside the distances.
@@ -34,7 +37,7 @@ pub struct Shape {
     pub near: Vec<u32>,
 }
 
-/// Points of one step with what is asked of them.
+/// Points of one step with what is asked of them: first [`COLOURED`] near the surface, where there is one, then others.
 struct Lesson {
     points: Vec<f32>,
     /// Unit directions from some camera, for the teacher's colours.
@@ -59,29 +62,35 @@ impl Trainer {
         for step in 0..STEPS {
             let mut random = step_random(self.context.config.seed ^ 0x0f17_c0de, step);
             let lesson = lesson(shape, &cameras, &mut random);
-            let geometry = teacher.geometry(&lesson.points);
-            let probability: Vec<f32> = lesson
-                .points
+            let (near_surface, elsewhere) = lesson.points.split_at(3 * COLOURED);
+            let geometry = teacher.geometry(near_surface);
+            let probability: Vec<f32> = near_surface
                 .chunks_exact(3)
                 .map(|p| self.map.at(Vec3::from_slice(p)))
                 .collect();
-            let colours =
-                teacher.colour(&geometry, &lesson.points, &lesson.directions, &probability);
+            let colours = teacher.colour(&geometry, near_surface, &lesson.directions, &probability);
             let views: Vec<f32> = lesson
                 .directions
                 .iter()
                 .map(|d| schedule.view_share * d)
                 .collect();
-            let samples = self.scene.object.sample(
-                &lesson.points,
-                &views,
-                &[],
-                self.scene.object.sdf_config(
-                    &self.context.object_layout,
-                    schedule.active_levels,
-                    Some(self.context.object_gradient.clone()),
-                ),
+            let op = self.scene.object.sdf_config(
+                &self.context.object_layout,
+                schedule.active_levels,
+                Some(self.context.object_gradient.clone()),
             );
+            let coloured = self
+                .scene
+                .object
+                .sample(near_surface, &views, &[], op.clone());
+            let others = rows(elsewhere, 3, &device);
+            let samples = SurfaceSamples {
+                geometry: Tensor::cat(
+                    vec![coloured.geometry, self.scene.object.geometry(others, op)],
+                    0,
+                ),
+                colour: coloured.colour,
+            };
             let flags = |of: &dyn Fn(f32) -> bool| -> Tensor<2> {
                 let values: Vec<f32> = lesson
                     .distances
@@ -107,12 +116,13 @@ impl Trainer {
             let short = (target.clone() - sdf.clone()).mul(rows(&side, 1, &device));
             let distance = (sdf - target).abs().mul(close) + short.clamp_min(0.0).mul(far);
             let surface = flags(&|d| d.abs() < 0.25 * shape.truncation);
-            let seen = samples.colour.clone().slice([0..POINTS, 0..3]);
+            let seen = samples.colour.clone().slice([0..COLOURED, 0..3]);
             let colour = (seen - rows(&colours, 3, &device))
                 .powf_scalar(2.0)
                 .mean_dim(1)
-                .mul(surface);
-            let mut loss = distance.mean() + colour.mean().mul_scalar(COLOUR_WEIGHT);
+                .mul(surface.slice([0..COLOURED, 0..1]));
+            let colour = colour.sum().div_scalar(POINTS as f32);
+            let mut loss = distance.mean() + colour.mul_scalar(COLOUR_WEIGHT);
             if transparency == Transparency::Sdf {
                 loss = loss + eikonal_loss(samples.normal(), None).mul_scalar(EIKONAL_WEIGHT);
             }
@@ -151,28 +161,30 @@ fn target(distance: f32, transparency: Transparency) -> f32 {
     }
 }
 
-/// Half of the points lie near the surface, half anywhere in the box.
+/// Half of the points lie near the surface, half anywhere in the box; directions are those of the first half.
 fn lesson(shape: &Shape, cameras: &[Vec3], random: &mut impl Rng) -> Lesson {
     let mut out = Lesson {
         points: Vec::with_capacity(3 * POINTS),
-        directions: Vec::with_capacity(3 * POINTS),
+        directions: Vec::with_capacity(3 * COLOURED),
         distances: Vec::with_capacity(POINTS),
     };
     let n = shape.distance.resolution();
     for i in 0..POINTS {
         let mut unit = || Vec3::new(random.random(), random.random(), random.random());
-        let point = if i % 2 == 0 && !shape.near.is_empty() {
+        let point = if i < COLOURED && !shape.near.is_empty() {
             let jitter = (unit() - 0.5) * 4.0 / n as f32;
             let cell = shape.near[random.random_range(0..shape.near.len())] as usize;
             (ProbabilityMap::centre(n, cell) + jitter).clamp(Vec3::NEG_ONE, Vec3::ONE)
         } else {
             unit() * 2.0 - 1.0
         };
-        let camera = cameras[random.random_range(0..cameras.len())];
         out.points.extend(point.to_array());
-        out.directions
-            .extend((point - camera).normalize_or(Vec3::Z).to_array());
         out.distances.push(shape.distance.at(point));
+        if i < COLOURED {
+            let camera = cameras[random.random_range(0..cameras.len())];
+            out.directions
+                .extend((point - camera).normalize_or(Vec3::Z).to_array());
+        }
     }
     out
 }

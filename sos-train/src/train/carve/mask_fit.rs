@@ -19,7 +19,7 @@ use crate::render::rays::FrozenScene;
 use crate::train::Trainer;
 
 /// Rays along the masks' outlines whose depths are looked at, in all views together, at most.
-const RAYS: usize = 300_000;
+const RAYS: usize = 100_000;
 /// Half the width of the band that is looked at, as a share of the object's size in the picture (the root
 /// of its mask's area).
 const BAND: f32 = 0.12;
