@@ -11,9 +11,9 @@ use std::path::{Path, PathBuf};
 
 /// Scores every matte of `pred_dir`, and if given every mask of `start_dir`, against `gt_dir`.
 ///
-/// The pictures of `gt_dir` define the views. Files belong together by name without extension,
-/// else by name up to the zero padding of a trailing number, else by trailing number. A view without
-/// a prediction (or start mask) is scored as an empty matte and listed in the report.
+/// The pictures of `gt_dir`, and of folders in it, define the views. Files belong together by name without extension,
+/// else by that whatever folder they are in, else by name up to the zero padding of a trailing number, else by trailing
+/// number. A view without a prediction (or start mask) is scored as an empty matte and listed in the report.
 pub fn compare_folders(
     pred_dir: &Path,
     gt_dir: &Path,
