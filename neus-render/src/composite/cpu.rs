@@ -116,6 +116,16 @@ impl Step {
     pub(super) fn background_weight(&self) -> f32 {
         self.joint * self.background.alpha * (1.0 - 0.5 * self.object.alpha)
     }
+
+    #[inline]
+    pub(super) fn object_opacity(&self) -> f32 {
+        self.object.bare_alpha
+    }
+
+    #[inline]
+    pub(super) fn background_opacity(&self) -> f32 {
+        self.background.bare_alpha
+    }
 }
 
 /// Transmittances of a whole ray.

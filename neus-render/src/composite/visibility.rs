@@ -17,6 +17,8 @@ pub struct Visibility {
     pub transmittance: f32,
     /// What its own field lets through before it.
     pub alone: f32,
+    /// What it takes of the light that reaches it, without the matte value: alpha.
+    pub opacity: f32,
 }
 
 /// [`Visibility`] of the samples of both fields.
@@ -116,6 +118,7 @@ pub fn visibility_from(
                             weight: step.object_weight(),
                             transmittance: step.joint,
                             alone: step.object_alone,
+                            opacity: step.object_opacity(),
                         };
                     }
                     if let Some(row) = step.background_row {
@@ -123,6 +126,7 @@ pub fn visibility_from(
                             weight: step.background_weight(),
                             transmittance: step.joint,
                             alone: step.background_alone,
+                            opacity: step.background_opacity(),
                         };
                     }
                 });

@@ -127,6 +127,7 @@ impl TrainConfig {
             ("schedule.levels_end", schedule.levels_end),
             ("schedule.cos_anneal_end", schedule.cos_anneal_end),
             ("sampling.object_share", sampling.object_share),
+            ("sampling.clear_share", sampling.clear_share),
             ("prepare.hull_threshold", prepare.hull_threshold),
             ("prepare.object_threshold", prepare.object_threshold),
             ("prepare.crop_threshold", prepare.crop_threshold),
@@ -152,6 +153,7 @@ impl TrainConfig {
             ("schedule.learning_rate", schedule.learning_rate),
             ("schedule.learning_rate_mlp", schedule.learning_rate_mlp),
             ("schedule.final_ratio", schedule.final_ratio),
+            ("sampling.clear_share", sampling.clear_share),
         ] {
             if !value.is_finite() || value <= 0.0 {
                 return Err(bad(

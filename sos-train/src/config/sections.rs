@@ -235,7 +235,7 @@ pub struct SamplingConfig {
     pub rays: u32,
     /// Rays that no step exceeds.
     pub most_rays: u32,
-    /// Samples of both fields a step aims for.
+    /// Samples of both fields a step aims for, those that others stand for included.
     pub target_samples: u32,
     /// Marching steps across the object's box.
     pub object_steps: u32,
@@ -243,6 +243,8 @@ pub struct SamplingConfig {
     pub background_samples: u32,
     /// Share of the rays that are drawn around the object.
     pub object_share: f32,
+    /// Of a surface's samples that nothing shows at, the share that a step learns from; they count for the others.
+    pub clear_share: f32,
     /// Cells along each side of the occupancy grid.
     pub occupancy_resolution: u32,
     /// Steps between its updates.

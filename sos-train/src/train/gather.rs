@@ -13,8 +13,9 @@ use rayon::prelude::*;
 
 use super::batch::{BatchMarcher, FieldSamples, MarchedBatch, Partition};
 use super::distortion::{self, Spread};
+use super::representatives::Representatives;
 use super::sampler::RayBatch;
-use super::visible::{FrozenFields, Look, Representatives};
+use super::visible::{FrozenFields, Look};
 use crate::config::{AlphaSource, Blend, TrainConfig, Transparency};
 use crate::prepare::Label;
 
@@ -94,19 +95,26 @@ fn gather_chunk(
         both_alone || (outside_alone && batch.labels[first + ray] == Label::Background)
     };
     let look = fields.look(&marched, config, rules.cos_anneal, alone);
-    let object_rows = look.object_reached();
-    let drawn = match config.model.background {
-        Transparency::Sdf => Representatives::all(
-            look.background_reached(|i| alone(marched.background.ray[i] as usize)),
-        ),
-        Transparency::Density => {
-            let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x00d4_a3e1);
-            look.background_drawn(&marched, alone, &mut random)
+    let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x00d4_a3e1);
+    let share = config.sampling.clear_share;
+    let object = match config.model.foreground {
+        Transparency::Sdf => {
+            let (rows, seen) = (look.object_reached(), &look.visibility.object);
+            Representatives::thinned(rows, seen, share, &mut random)
         }
+        Transparency::Density => Representatives::all(look.object_reached()),
+    };
+    let background = match config.model.background {
+        Transparency::Sdf => {
+            let rows = look.background_reached(|i| alone(marched.background.ray[i] as usize));
+            let seen = &look.visibility.background;
+            Representatives::thinned(rows, seen, share, &mut random)
+        }
+        Transparency::Density => look.background_drawn(&marched, alone, &mut random),
     };
     let spread = rules
         .spread
-        .then(|| distortion::spread(&marched, &look).select(&object_rows, &drawn.rows));
+        .then(|| distortion::spread(&marched, &look).select(&object.rows, &background.rows));
     let mut mattes = vec![0.0f32; rays.len()];
     for (ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
         mattes[*ray as usize] += seen.weight;
@@ -119,8 +127,10 @@ fn gather_chunk(
         AlphaSource::Both => vec![0.0; rays.len()],
     };
     let votes = votes(batch, first, &marched, &look);
-    let mut marched = marched.keep(&object_rows, &drawn.rows);
-    marched.background.stretch = drawn.stretch;
+    let mut marched = marched.keep(&object.rows, &background.rows);
+    marched.object.stands_for = object.stands_for;
+    marched.background.stretch = background.stretch;
+    marched.background.stands_for = background.stands_for;
     marched.background.look_up(rules.partition.map);
     Gathered {
         marched,
@@ -227,8 +237,7 @@ mod tests {
         }
         let seen = [0.5, 0.25, 0.5, 0.25, 1.0].map(|weight| Visibility {
             weight,
-            transmittance: 1.0,
-            alone: 1.0,
+            ..Visibility::default()
         });
         let shares = box_background(4, &background, &seen);
         assert_eq!(shares, [0.75, 0.5, 0.0, 0.0]);

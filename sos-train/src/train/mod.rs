@@ -12,6 +12,7 @@ mod gather;
 pub mod grids;
 pub mod ledger;
 mod outlook;
+mod representatives;
 mod rounds;
 pub mod run;
 pub mod sampler;
@@ -214,7 +215,7 @@ impl Trainer {
             active_levels: schedule.active_levels,
             ..StepReport::default()
         };
-        self.follow_budget(report.object_samples + report.background_samples);
+        self.follow_budget(marched.object.stood_for() + marched.background.stood_for());
         let trust: Vec<f32> = batch
             .views
             .iter()
@@ -373,10 +374,11 @@ impl Trainer {
         self.clock.lap(Phase::Tables);
     }
 
-    /// Moves the number of rays towards the sample budget (a tenth of the way each step).
-    fn follow_budget(&mut self, samples: usize) {
+    /// Moves the number of rays towards the sample budget (a tenth of the way each step); those that `samples` stand
+    /// for count.
+    fn follow_budget(&mut self, samples: f32) {
         let sampling = &self.context.config.sampling;
-        let wanted = self.rays * sampling.target_samples as f32 / samples.max(1) as f32;
+        let wanted = self.rays * sampling.target_samples as f32 / samples.max(1.0);
         let next = 0.9 * self.rays + 0.1 * wanted.clamp(0.5 * self.rays, 2.0 * self.rays);
         let most = sampling.most_rays as f32;
         self.rays = next.clamp(most.min(FEWEST_RAYS), most);

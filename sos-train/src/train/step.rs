@@ -299,7 +299,7 @@ pub fn loss(
     // What follows speaks of a distance.
     let surface = !marched.object.is_empty() && config.model.foreground == Transparency::Sdf;
     if surface {
-        let part = eikonal_loss_of_lengths(normal_lengths(object), None);
+        let part = eikonal_of(object, &marched.object, device);
         add(part, weights.eikonal, |losses| &mut losses.eikonal);
     }
     let shape = Shape {
@@ -322,7 +322,7 @@ pub fn loss(
         add(part, weights.curvature, |losses| &mut losses.curvature);
     }
     if !marched.background.is_empty() && config.model.background == Transparency::Sdf {
-        let part = eikonal_loss_of_lengths(normal_lengths(background), None);
+        let part = eikonal_of(background, &marched.background, device);
         add(part, weights.eikonal_background, |losses| {
             &mut losses.eikonal
         });
@@ -347,10 +347,12 @@ fn mask_loss_of(matte: &Tensor<1>, wanted: impl Iterator<Item = (f32, f32)>) -> 
     )
 }
 
-/// The normals' lengths in rows of samples, `[m]`.
-fn normal_lengths(rows: Tensor<2>) -> Tensor<1> {
+/// The eikonal loss of samples with these `rows`, whose last column is the normal's length.
+fn eikonal_of(rows: Tensor<2>, at: &FieldSamples, device: &Device) -> Tensor<1> {
     let [m, columns] = rows.dims();
-    rows.slice([0..m, columns - 1..columns]).reshape([m])
+    let lengths = rows.slice([0..m, columns - 1..columns]).reshape([m]);
+    let counts = (!at.stands_for.is_empty()).then(|| list(at.stands_for.clone(), device));
+    eikonal_loss_of_lengths(lengths, counts)
 }
 
 /// FoCoR's samples as rows for compositing, `[m, 7]`.

@@ -5,8 +5,6 @@
 
 use burn::tensor::Device;
 use neus_render::composite::{self, CompositeConfig, MatteRole, SampleVisibility};
-use rand::{Rng, RngExt};
-use scene_decomp::colour_field::density_of;
 use scene_decomp::{FrozenSurface, Geometry};
 
 use super::batch::MarchedBatch;
@@ -110,108 +108,6 @@ impl Look {
     }
 }
 
-/// Samples that stand for all of a ray's.
-#[derive(Clone, Debug, Default)]
-pub struct Representatives {
-    /// Row numbers, ascending.
-    pub rows: Vec<u32>,
-    /// What each one's density has to be multiplied with; empty when each stands for itself.
-    pub stretch: Vec<f32>,
-}
-
-impl Representatives {
-    /// Samples that stand for themselves.
-    #[must_use]
-    pub fn all(rows: Vec<u32>) -> Self {
-        Self {
-            rows,
-            stretch: Vec::new(),
-        }
-    }
-}
-
-/// Neighbours on a ray are drawn as one while they hide less than this share of the pixel,
-const GROUP_WEIGHT: f32 = 0.08;
-/// and while they are no more than this.
-const GROUP_SIZE: usize = 8;
-
-impl Look {
-    /// Draws representatives of the background's samples, for a field read as a density.
-    ///
-    /// Neighbours on a ray that together hide little form a group; one of them is drawn with a
-    /// probability proportional to its optical depth, and its density stretched to the optical
-    /// depth of all. So a ray's transmittance stays what it is, and on average so do colours and
-    /// gradients, for a third of the samples.
-    #[must_use]
-    pub fn background_drawn(
-        &self,
-        marched: &MarchedBatch,
-        alone: impl Fn(usize) -> bool,
-        random: &mut impl Rng,
-    ) -> Representatives {
-        let packing = &marched.packing;
-        let mut out = Representatives::default();
-        for ray in 0..packing.ray_count() {
-            let rows = packing.background_offsets()[ray]..packing.background_offsets()[ray + 1];
-            let objects = &packing.object()[packing.object_offsets()[ray] as usize
-                ..packing.object_offsets()[ray + 1] as usize];
-            let mut group = Group::default();
-            for row in rows {
-                let i = row as usize;
-                let seen = &self.visibility.background[i];
-                let light = if alone(ray) {
-                    seen.alone
-                } else {
-                    seen.transmittance
-                };
-                if light <= LEAST_TRANSMITTANCE {
-                    break;
-                }
-                let interval = packing.background()[i];
-                let parted = group.count > 0
-                    && objects.partition_point(|&o| o < group.last)
-                        != objects.partition_point(|&o| o < interval);
-                if parted || group.weight >= GROUP_WEIGHT || group.count >= GROUP_SIZE {
-                    group.close(&mut out);
-                }
-                let depth = density_of(self.background.sdf(i)) * packing.dt()[interval as usize];
-                group.depth += depth;
-                if group.count == 0 || random.random::<f32>() * group.depth < depth {
-                    (group.row, group.own) = (row, depth);
-                }
-                group.weight += light * -(-depth).exp_m1();
-                group.count += 1;
-                group.last = interval;
-            }
-            group.close(&mut out);
-        }
-        out
-    }
-}
-
-/// Neighbouring samples of one ray, and the one drawn among them.
-#[derive(Clone, Copy, Debug, Default)]
-struct Group {
-    count: usize,
-    /// The last one's interval.
-    last: u32,
-    row: u32,
-    /// Optical depth of `row`, and of all.
-    own: f32,
-    depth: f32,
-    weight: f32,
-}
-
-impl Group {
-    fn close(&mut self, out: &mut Representatives) {
-        if self.count > 0 {
-            out.rows.push(self.row);
-            out.stretch.push(self.depth / self.own.max(1e-12));
-        }
-        *self = Self::default();
-    }
-}
-
 fn numbers(n: usize, wanted: impl Fn(usize) -> bool) -> Vec<u32> {
     (0..n).filter(|&i| wanted(i)).map(|i| i as u32).collect()
 }
@@ -242,16 +138,15 @@ pub(super) fn matte_role(alpha: AlphaSource) -> MatteRole {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use neus_render::composite::{Packing, sample_visibility};
-    use rand::SeedableRng;
-    use rand_pcg::Pcg64Mcg;
+    use scene_decomp::colour_field::density_of;
 
     use super::*;
     use crate::train::batch::FieldSamples;
 
     /// Two rays of 20 samples: thin fog, then a wall; the raw value r stands for a density exp(-r).
-    fn scene() -> (MarchedBatch, Look) {
+    pub(in crate::train) fn scene() -> (MarchedBatch, Look) {
         let n = 40;
         let intervals: Vec<u32> = (0..n as u32).collect();
         let packing = Packing::new(
@@ -286,7 +181,7 @@ mod tests {
             directions: vec![0.0; 3 * n],
             probability: vec![0.0; n],
             ray: (0..n as u32).map(|i| i / 20).collect(),
-            stretch: Vec::new(),
+            ..FieldSamples::default()
         };
         let marched = MarchedBatch {
             packing,
@@ -302,46 +197,6 @@ mod tests {
             visibility,
         };
         (marched, look)
-    }
-
-    #[test]
-    fn representatives_keep_the_optical_depth() {
-        let (marched, look) = scene();
-        let mut random = Pcg64Mcg::seed_from_u64(3);
-        let drawn = look.background_drawn(&marched, |_| false, &mut random);
-        assert!(drawn.rows.is_sorted_by(|a, b| a < b));
-        let reached = look.background_reached(|_| false);
-        assert!(2 * drawn.rows.len() < reached.len(), "{}", drawn.rows.len());
-        let depth = |row: u32| density_of(look.background.sdf(row as usize)) * 0.1;
-        let whole: f32 = reached.iter().map(|row| depth(*row)).sum();
-        let kept: f32 = drawn
-            .rows
-            .iter()
-            .zip(&drawn.stretch)
-            .map(|(row, stretch)| stretch * depth(*row))
-            .sum();
-        assert!((kept / whole - 1.0).abs() < 1e-4, "{kept} {whole}");
-    }
-
-    #[test]
-    fn representatives_are_fair() {
-        let (marched, look) = scene();
-        // Each sample's optical depth, on average over many draws, is its own.
-        let mut sums = vec![0.0f64; 40];
-        let draws = 20_000;
-        let mut random = Pcg64Mcg::seed_from_u64(5);
-        for _ in 0..draws {
-            let drawn = look.background_drawn(&marched, |_| false, &mut random);
-            for (row, stretch) in drawn.rows.iter().zip(&drawn.stretch) {
-                let depth = density_of(look.background.sdf(*row as usize)) * 0.1 * stretch;
-                sums[*row as usize] += f64::from(depth) / f64::from(draws);
-            }
-        }
-        // The later ones share a group with the wall, which is nearly always drawn.
-        for (row, sum) in sums.iter().enumerate().take(8) {
-            let own = f64::from(density_of(look.background.sdf(row)) * 0.1);
-            assert!((sum / own - 1.0).abs() < 0.1, "{row}: {}", sum / own);
-        }
     }
 
     #[test]
