@@ -23,6 +23,8 @@ pub struct FieldSamples {
     /// Factor on a density, for a sample that stands for several, `[m]`; empty where each stands for
     /// itself.
     pub stretch: Vec<f32>,
+    /// How many samples each counts for in means over them, `[m]`; empty where each counts once.
+    pub stands_for: Vec<f32>,
 }
 
 impl FieldSamples {
@@ -38,6 +40,15 @@ impl FieldSamples {
         self.ray.is_empty()
     }
 
+    /// How many samples these are, with those that they stand for.
+    #[must_use]
+    pub fn stood_for(&self) -> f32 {
+        if self.stands_for.is_empty() {
+            return self.len() as f32;
+        }
+        self.stands_for.iter().sum()
+    }
+
     pub(super) fn with_capacity(samples: usize) -> Self {
         Self {
             points: Vec::with_capacity(3 * samples),
@@ -45,6 +56,7 @@ impl FieldSamples {
             probability: Vec::with_capacity(samples),
             ray: Vec::with_capacity(samples),
             stretch: Vec::new(),
+            stands_for: Vec::new(),
         }
     }
 
@@ -74,6 +86,7 @@ impl FieldSamples {
         self.probability.extend_from_slice(&other.probability);
         self.ray.extend(other.ray.iter().map(|ray| ray + first));
         self.stretch.extend_from_slice(&other.stretch);
+        self.stands_for.extend_from_slice(&other.stands_for);
     }
 
     fn push(&mut self, point: Vec3, direction: Vec3, ray: u32) {
@@ -162,7 +175,6 @@ pub struct BatchMarcher {
 const CHUNK: usize = 64;
 
 /// The samples of some neighbouring rays.
-#[derive(Default)]
 struct Part {
     object: FieldSamples,
     object_intervals: Vec<u32>,
@@ -187,43 +199,76 @@ impl BatchMarcher {
             .par_chunks(CHUNK)
             .enumerate()
             .map(|(chunk, rays)| {
-                let mut part = Part::default();
+                let first = chunk * CHUNK;
+                let mut part = Part::with_capacity(intervals, first, first + rays.len());
                 for (i, ray) in rays.iter().enumerate() {
-                    part.add(chunk * CHUNK + i, ray, intervals, partition);
+                    part.add(first + i, ray, intervals, partition);
                 }
                 part
             })
             .collect();
+        let part = Part::joined(parts);
         let mut dt = intervals.dt.clone();
-        let total = |count: fn(&Part) -> usize| parts.iter().map(count).sum::<usize>();
-        let mut object = FieldSamples::with_capacity(total(|p| p.object.len()));
-        let mut background = FieldSamples::with_capacity(total(|p| p.background.len()));
-        let (mut object_intervals, mut background_intervals) = (Vec::new(), Vec::new());
-        for part in parts {
-            object.append(&part.object, 0);
-            background.append(&part.background, 0);
-            object_intervals.extend(part.object_intervals);
-            background_intervals.extend(part.background_intervals);
-            for (interval, length) in part.lengths {
-                dt[interval as usize] = length;
-            }
+        for (interval, length) in part.lengths {
+            dt[interval as usize] = length;
         }
         let packing = Packing::new(
             intervals.ray_offsets.clone(),
             intervals.t.clone(),
             dt,
-            object_intervals,
-            background_intervals,
+            part.object_intervals,
+            part.background_intervals,
         );
         MarchedBatch {
             packing,
-            object,
-            background,
+            object: part.object,
+            background: part.background,
         }
     }
 }
 
 impl Part {
+    /// With room for all that rays `first..end` can have.
+    fn with_capacity(intervals: &Intervals, first: usize, end: usize) -> Self {
+        let offsets = &intervals.ray_offsets;
+        let range = offsets[first] as usize..offsets[end] as usize;
+        let wanted = |flags: &[bool]| flags[range.clone()].iter().filter(|flag| **flag).count();
+        let (object, background) = (wanted(&intervals.object), wanted(&intervals.background));
+        Self {
+            object: FieldSamples::with_capacity(object),
+            object_intervals: Vec::with_capacity(object),
+            background: FieldSamples::with_capacity(background),
+            background_intervals: Vec::with_capacity(background),
+            lengths: Vec::new(),
+        }
+    }
+
+    /// All of `parts`, in their order. A single one is not copied: callers with few rays have no other.
+    fn joined(mut parts: Vec<Self>) -> Self {
+        if parts.len() == 1
+            && let Some(part) = parts.pop()
+        {
+            return part;
+        }
+        let total = |count: fn(&Self) -> usize| parts.iter().map(count).sum::<usize>();
+        let (object, background) = (total(|p| p.object.len()), total(|p| p.background.len()));
+        let mut all = Self {
+            object: FieldSamples::with_capacity(object),
+            object_intervals: Vec::with_capacity(object),
+            background: FieldSamples::with_capacity(background),
+            background_intervals: Vec::with_capacity(background),
+            lengths: Vec::with_capacity(total(|p| p.lengths.len())),
+        };
+        for part in parts {
+            all.object.append(&part.object, 0);
+            all.background.append(&part.background, 0);
+            all.object_intervals.extend(part.object_intervals);
+            all.background_intervals.extend(part.background_intervals);
+            all.lengths.extend(part.lengths);
+        }
+        all
+    }
+
     fn add(&mut self, number: usize, ray: &Ray, intervals: &Intervals, partition: Partition<'_>) {
         let range = intervals.ray_offsets[number]..intervals.ray_offsets[number + 1];
         for interval in range.clone() {
