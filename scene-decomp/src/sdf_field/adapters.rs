@@ -20,7 +20,7 @@ fn run<B: F32Slices>(
     keep: cpu::Keep,
 ) -> (FloatTensor<B>, Option<Saved>) {
     let (w1, b1, w2, b2) = (B::as_f32(w1), B::as_f32(b1), B::as_f32(w2), B::as_f32(b2));
-    let weights = Weights::new(config, &w1, &b1, &w2, &b2);
+    let weights = Weights::new(config, &w1, &b1, &w2, &b2, keep);
     let width = weights.columns();
     let points = B::as_f32(points);
     let (out, saved) = cpu::forward(&points, &B::as_f32(table), weights, config, keep);

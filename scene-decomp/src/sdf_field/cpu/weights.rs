@@ -1,6 +1,7 @@
 //! The MLP as the kernels want it.
 
-use crate::sdf_field::SdfFieldConfig;
+use super::forward::Keep;
+use crate::sdf_field::{Normal, SdfFieldConfig};
 
 /// The MLP, restricted to the active levels' columns, with what both passes derive from it.
 #[derive(Clone, Debug)]
@@ -10,9 +11,11 @@ pub(crate) struct Weights {
     pub(super) hidden: usize,
     pub(super) outputs: usize,
     pub(super) w1: Vec<f32>,
+    /// Empty where neither normals nor gradients are wanted.
     pub(super) w1_transposed: Vec<f32>,
     pub(super) b1: Vec<f32>,
     pub(super) w2: Vec<f32>,
+    /// Empty where no gradients are wanted.
     pub(super) w2_transposed: Vec<f32>,
     pub(super) b2: Vec<f32>,
 }
@@ -25,23 +28,36 @@ impl Weights {
         b1: &[f32],
         w2: &[f32],
         b2: &[f32],
+        keep: Keep,
     ) -> Self {
         let all_inputs = 3 + 2 * config.layout.levels.len();
         let inputs = 3 + 2 * config.active_levels;
         let (hidden, outputs) = (b1.len(), b2.len());
-        let w1: Vec<f32> = w1
-            .chunks_exact(all_inputs)
-            .flat_map(|row| row[..inputs].iter().copied())
-            .collect();
+        let mut active = Vec::with_capacity(hidden * inputs);
+        for row in w1.chunks_exact(all_inputs) {
+            active.extend_from_slice(&row[..inputs]);
+        }
+        let w1 = active;
+        // Asked about few points, the op is over in a few microseconds: what nobody reads would be a part of them.
+        let backward = keep == Keep::ForBackward;
+        let back_to_input = backward || config.normal == Normal::Computed;
         Self {
             all_inputs,
             inputs,
             hidden,
             outputs,
-            w1_transposed: transposed(&w1, hidden, inputs),
+            w1_transposed: if back_to_input {
+                transposed(&w1, hidden, inputs)
+            } else {
+                Vec::new()
+            },
             w1,
             b1: b1.to_vec(),
-            w2_transposed: transposed(w2, outputs, hidden),
+            w2_transposed: if backward {
+                transposed(w2, outputs, hidden)
+            } else {
+                Vec::new()
+            },
             w2: w2.to_vec(),
             b2: b2.to_vec(),
         }
@@ -55,7 +71,11 @@ impl Weights {
 
 /// `[columns, rows]` from `[rows, columns]`.
 pub(crate) fn transposed(matrix: &[f32], rows: usize, columns: usize) -> Vec<f32> {
-    (0..columns)
-        .flat_map(|c| (0..rows).map(move |r| matrix[r * columns + c]))
-        .collect()
+    let mut out = vec![0.0; rows * columns];
+    for (r, row) in matrix.chunks_exact(columns.max(1)).enumerate() {
+        for (c, value) in row.iter().enumerate() {
+            out[c * rows + r] = *value;
+        }
+    }
+    out
 }
