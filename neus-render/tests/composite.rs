@@ -369,6 +369,22 @@ fn weights_are_the_gradient_of_colours() {
             assert!(ray.iter().all(|v| v.transmittance <= v.alone));
         }
     }
+    // What a sample's opacity takes is what its field lacks before the next; the background has no matte value.
+    for ray in packing.background_offsets().windows(2) {
+        let ray = &seen.background[ray[0] as usize..ray[1] as usize];
+        for pair in ray.windows(2) {
+            let left = pair[0].alone * (1.0 - pair[0].opacity);
+            assert!((left - pair[1].alone).abs() < 1e-5);
+        }
+    }
+    // The object's may take more than its matte value lets it.
+    for ray in packing.object_offsets().windows(2) {
+        let ray = &seen.object[ray[0] as usize..ray[1] as usize];
+        for pair in ray.windows(2) {
+            let left = pair[0].alone * (1.0 - pair[0].opacity);
+            assert!(left < pair[1].alone + 1e-5);
+        }
+    }
 }
 
 /// A half-transparent matte at the first surface lets the background through in front-to-back
