@@ -200,7 +200,7 @@ impl BatchMarcher {
             .enumerate()
             .map(|(chunk, rays)| {
                 let first = chunk * CHUNK;
-                let mut part = Part::with_capacity(intervals, first, first + rays.len());
+                let mut part = Part::for_rays(intervals, first, first + rays.len());
                 for (i, ray) in rays.iter().enumerate() {
                     part.add(first + i, ray, intervals, partition);
                 }
@@ -229,11 +229,15 @@ impl BatchMarcher {
 
 impl Part {
     /// With room for all that rays `first..end` can have.
-    fn with_capacity(intervals: &Intervals, first: usize, end: usize) -> Self {
+    fn for_rays(intervals: &Intervals, first: usize, end: usize) -> Self {
         let offsets = &intervals.ray_offsets;
         let range = offsets[first] as usize..offsets[end] as usize;
         let wanted = |flags: &[bool]| flags[range.clone()].iter().filter(|flag| **flag).count();
-        let (object, background) = (wanted(&intervals.object), wanted(&intervals.background));
+        Self::with_capacity(wanted(&intervals.object), wanted(&intervals.background))
+    }
+
+    /// With room for so many samples of either field.
+    fn with_capacity(object: usize, background: usize) -> Self {
         Self {
             object: FieldSamples::with_capacity(object),
             object_intervals: Vec::with_capacity(object),
@@ -251,14 +255,7 @@ impl Part {
             return part;
         }
         let total = |count: fn(&Self) -> usize| parts.iter().map(count).sum::<usize>();
-        let (object, background) = (total(|p| p.object.len()), total(|p| p.background.len()));
-        let mut all = Self {
-            object: FieldSamples::with_capacity(object),
-            object_intervals: Vec::with_capacity(object),
-            background: FieldSamples::with_capacity(background),
-            background_intervals: Vec::with_capacity(background),
-            lengths: Vec::with_capacity(total(|p| p.lengths.len())),
-        };
+        let mut all = Self::with_capacity(total(|p| p.object.len()), total(|p| p.background.len()));
         for part in parts {
             all.object.append(&part.object, 0);
             all.background.append(&part.background, 0);
