@@ -231,8 +231,7 @@ fn paper() -> TrainConfig {
             target_samples: 1024 * 64,
             object_steps: 64,
             background_samples: 64,
-            // Not a choice of the paper's: the losses are the same on average, for half of the samples.
-            clear_share: 0.25,
+            clear_share: 1.0,
             ..base.sampling
         },
         export: ExportConfig {

@@ -21,8 +21,7 @@ pub struct Representatives {
     pub stands_for: Vec<f32>,
 }
 
-/// Samples less opaque than this are in clear space. A pixel takes less than a hundredth of what 8 bits can tell from
-/// all that a ray has, and no more of a gradient.
+/// Samples less opaque than this are in clear space: one changes a pixel by less than a 300th of what 8 bits can tell.
 const CLEAR: f32 = 1e-5;
 
 impl Representatives {
@@ -39,7 +38,8 @@ impl Representatives {
     /// every row lets through.
     ///
     /// They show nothing, but keep a distance a distance (eikonal loss) where light passes through. So those that are
-    /// left count for those that are not, and means over samples stay what they are on average.
+    /// left count for those that are not, and means over samples stay what they are on average; their gradients become
+    /// noisier.
     #[must_use]
     pub fn thinned(rows: Vec<u32>, seen: &[Visibility], share: f32, random: &mut impl Rng) -> Self {
         if share >= 1.0 {
