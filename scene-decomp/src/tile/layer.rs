@@ -1,8 +1,10 @@
 //! `y = W x + b` over a tile, and the product that gives `dL/dW`.
 
+use std::ops::Range;
+
 use pulp::Simd;
 
-use super::POINTS;
+use super::{GRAIN, POINTS};
 
 /// Outputs whose accumulators are held in registers at once.
 const OUT_BLOCK: usize = 6;
@@ -38,84 +40,127 @@ pub(crate) fn forward<S: Simd>(
     x: &[f32],
     y: &mut [f32],
 ) {
-    let n_in = x.len() / POINTS;
-    let n_out = y.len() / POINTS;
-    assert!(weight.len() == n_in * n_out && bias.is_none_or(|b| b.len() == n_out));
+    forward_of(simd, POINTS, weight, bias, x, y);
+}
+
+/// [`forward`] over a tile of `points`, a multiple of [`GRAIN`]: `x: [n_in, points]`, `y: [n_out, points]`.
+#[inline(always)]
+pub(crate) fn forward_of<S: Simd>(
+    simd: S,
+    points: usize,
+    weight: &[f32],
+    bias: Option<&[f32]>,
+    x: &[f32],
+    y: &mut [f32],
+) {
+    let n_in = x.len() / points;
+    let n_out = y.len() / points;
+    // What the unchecked accesses below rest on.
+    assert!(
+        points.is_multiple_of(GRAIN)
+            && x.len() == n_in * points
+            && y.len() == n_out * points
+            && weight.len() == n_in * n_out
+            && bias.is_none_or(|b| b.len() == n_out)
+    );
+    let product = Product {
+        simd,
+        points,
+        n_in,
+        weight,
+        bias,
+        x,
+    };
     let mut first = 0;
     while first + OUT_BLOCK <= n_out {
-        forward_rows::<S, OUT_BLOCK>(simd, weight, bias, x, y, first, n_in);
+        product.rows::<OUT_BLOCK>(y, first);
         first += OUT_BLOCK;
     }
     while first + 4 <= n_out {
-        forward_rows::<S, 4>(simd, weight, bias, x, y, first, n_in);
+        product.rows::<4>(y, first);
         first += 4;
     }
     while first < n_out {
-        forward_rows::<S, 1>(simd, weight, bias, x, y, first, n_in);
+        product.rows::<1>(y, first);
         first += 1;
     }
 }
 
-#[inline(always)]
-fn forward_rows<S: Simd, const ROWS: usize>(
+/// [`forward_of`]'s arguments.
+#[derive(Clone, Copy)]
+struct Product<'a, S> {
     simd: S,
-    weight: &[f32],
-    bias: Option<&[f32]>,
-    x: &[f32],
-    y: &mut [f32],
-    first: usize,
+    points: usize,
     n_in: usize,
-) {
-    // 16 lanes come with 32 registers, so that 6 x 4 accumulators fit; 8 lanes with 16.
-    if S::F32_LANES == 16 {
-        forward_block::<S, ROWS, 4>(simd, weight, bias, x, y, first, n_in);
-    } else {
-        forward_block::<S, ROWS, 2>(simd, weight, bias, x, y, first, n_in);
-    }
+    weight: &'a [f32],
+    bias: Option<&'a [f32]>,
+    x: &'a [f32],
 }
 
-#[inline(always)]
-fn forward_block<S: Simd, const ROWS: usize, const COLUMNS: usize>(
-    simd: S,
-    weight: &[f32],
-    bias: Option<&[f32]>,
-    x: &[f32],
-    y: &mut [f32],
-    first: usize,
-    n_in: usize,
-) {
-    let lanes = S::F32_LANES;
-    let width = COLUMNS * lanes;
-    debug_assert_eq!(POINTS % width, 0);
-    for start in (0..POINTS).step_by(width) {
-        let mut acc = [[simd.splat_f32s(0.0); COLUMNS]; ROWS];
-        if let Some(bias) = bias {
-            for (r, row) in acc.iter_mut().enumerate() {
-                *row = [simd.splat_f32s(bias[first + r]); COLUMNS];
-            }
+impl<S: Simd> Product<'_, S> {
+    /// Outputs `first..first + ROWS`.
+    #[inline(always)]
+    fn rows<const ROWS: usize>(self, y: &mut [f32], first: usize) {
+        // 16 lanes come with 32 registers, so that 6 x 4 accumulators fit; 8 lanes with 16.
+        if S::F32_LANES == 16 {
+            let whole = self.points / (4 * S::F32_LANES) * (4 * S::F32_LANES);
+            self.block::<ROWS, 4>(y, first, 0..whole);
+            self.block::<ROWS, 1>(y, first, whole..self.points);
+        } else {
+            self.block::<ROWS, 2>(y, first, 0..self.points);
         }
-        for i in 0..n_in {
-            let mut column = [simd.splat_f32s(0.0); COLUMNS];
-            for (c, value) in column.iter_mut().enumerate() {
-                // SAFETY: i < n_in and start + width <= POINTS, and x holds n_in * POINTS values.
-                *value = unsafe { load::<S>(x.as_ptr().add(i * POINTS + start + c * lanes)) };
-            }
-            for (r, row) in acc.iter_mut().enumerate() {
-                // SAFETY: first + r < n_out and i < n_in, and weight holds n_out * n_in values.
-                let w = simd.splat_f32s(unsafe { *weight.get_unchecked((first + r) * n_in + i) });
-                for (value, &column) in row.iter_mut().zip(&column) {
-                    *value = simd.mul_add_e_f32s(w, column, *value);
+    }
+
+    /// The same of a range of points, a multiple of `COLUMNS` vectors.
+    #[inline(always)]
+    fn block<const ROWS: usize, const COLUMNS: usize>(
+        self,
+        y: &mut [f32],
+        first: usize,
+        range: Range<usize>,
+    ) {
+        let Self {
+            simd,
+            points,
+            n_in,
+            weight,
+            bias,
+            x,
+        } = self;
+        let lanes = S::F32_LANES;
+        let width = COLUMNS * lanes;
+        debug_assert_eq!(range.len() % width, 0);
+        for start in range.step_by(width) {
+            let mut acc = [[simd.splat_f32s(0.0); COLUMNS]; ROWS];
+            if let Some(bias) = bias {
+                for (r, row) in acc.iter_mut().enumerate() {
+                    *row = [simd.splat_f32s(bias[first + r]); COLUMNS];
                 }
             }
-        }
-        for (r, row) in acc.iter().enumerate() {
-            for (c, &value) in row.iter().enumerate() {
-                // SAFETY: first + r < n_out, and y holds n_out * POINTS values.
-                unsafe {
-                    store::<S>(
-                        y.as_mut_ptr().add((first + r) * POINTS + start + c * lanes),
-                        value,
-                    );
+            for i in 0..n_in {
+                let mut column = [simd.splat_f32s(0.0); COLUMNS];
+                for (c, value) in column.iter_mut().enumerate() {
+                    // SAFETY: i < n_in and start + width <= points, and x holds n_in * points values.
+                    *value = unsafe { load::<S>(x.as_ptr().add(i * points + start + c * lanes)) };
+                }
+                for (r, row) in acc.iter_mut().enumerate() {
+                    // SAFETY: first + r < n_out and i < n_in, and weight holds n_out * n_in values.
+                    let w =
+                        simd.splat_f32s(unsafe { *weight.get_unchecked((first + r) * n_in + i) });
+                    for (value, &column) in row.iter_mut().zip(&column) {
+                        *value = simd.mul_add_e_f32s(w, column, *value);
+                    }
+                }
+            }
+            for (r, row) in acc.iter().enumerate() {
+                for (c, &value) in row.iter().enumerate() {
+                    // SAFETY: first + r < n_out, and y holds n_out * points values.
+                    unsafe {
+                        store::<S>(
+                            y.as_mut_ptr().add((first + r) * points + start + c * lanes),
+                            value,
+                        );
+                    }
                 }
             }
         }

@@ -13,3 +13,5 @@ pub(crate) mod transpose;
 
 /// Points in a tile: a multiple of every register block of [`layer`].
 pub(crate) const POINTS: usize = 128;
+/// What the points of a smaller tile are a multiple of: a vector of the widest kind, or two of another.
+pub(crate) const GRAIN: usize = 16;

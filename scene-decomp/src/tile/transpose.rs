@@ -2,18 +2,18 @@
 
 use super::POINTS;
 
-/// Fills `tile: [width, POINTS]` from `rows: [count, width]`; points past `count` repeat the last.
+/// Fills `tile: [width, points]` from `rows: [count, width]`; points past `count` repeat the last.
 ///
 /// Repeating keeps every lane's arithmetic ordinary; their results are never read.
 #[inline(always)]
 pub(crate) fn rows_to_tile(rows: &[f32], width: usize, tile: &mut [f32]) {
-    let count = rows.len() / width;
+    let (count, points) = (rows.len() / width, tile.len() / width);
     if count == 0 {
-        tile[..width * POINTS].fill(0.0);
+        tile.fill(0.0);
         return;
     }
     for k in 0..width {
-        let lane = &mut tile[k * POINTS..(k + 1) * POINTS];
+        let lane = &mut tile[k * points..(k + 1) * points];
         for (p, value) in lane[..count].iter_mut().enumerate() {
             *value = rows[p * width + k];
         }
@@ -35,12 +35,13 @@ pub(crate) fn rows_to_tile_padded(rows: &[f32], width: usize, tile: &mut [f32]) 
     }
 }
 
-/// Writes `tile: [width, POINTS]` back to `rows: [count, width]`.
+/// Writes `tile: [width, points]` back to `rows: [count, width]`.
 #[inline(always)]
 pub(crate) fn tile_to_rows(tile: &[f32], width: usize, rows: &mut [f32]) {
+    let points = tile.len() / width;
     for (p, row) in rows.chunks_exact_mut(width).enumerate() {
         for (k, value) in row.iter_mut().enumerate() {
-            *value = tile[k * POINTS + p];
+            *value = tile[k * points + p];
         }
     }
 }

@@ -310,7 +310,7 @@ fn backward_tile<S: Simd>(
 
     let (dn_unit, d_h) = scatter.split_at_mut(3 * POINTS);
     if saved.config.normal == Normal::Computed {
-        slope_of_hidden(weights, slope, u);
+        slope_of_hidden(weights, POINTS, slope, u);
         for (unit, dn) in dn_unit.iter_mut().zip(d_normal) {
             *unit = scale * dn;
         }

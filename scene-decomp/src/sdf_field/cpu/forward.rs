@@ -10,7 +10,10 @@ use tensor_slices::{Scratch, Stopwatch};
 use super::weights::Weights;
 use crate::sdf_field::{Normal, SdfFieldConfig};
 use crate::tile::transpose::{rows_to_tile, tile_to_rows};
-use crate::tile::{POINTS, activation, layer};
+use crate::tile::{GRAIN, POINTS, activation, layer};
+
+/// Tiles that one task of an evaluation takes at least: callers ask about a few at a time, in tasks of their own.
+const TILES_PER_TASK: usize = 4;
 
 /// Whether a forward pass is to be followed by a backward one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,10 +103,12 @@ impl TileKind {
         Tile { input, jacobian, a }
     }
 
+    /// Rows of `points` values each.
     #[inline(always)]
-    fn rows_mut(self, tile: &mut [f32]) -> TileMut<'_> {
-        let (input, rest) = tile.split_at_mut(self.inputs * POINTS);
-        let (jacobian, a) = rest.split_at_mut(self.rows_of_jacobian() * POINTS);
+    fn rows_mut(self, tile: &mut [f32], points: usize) -> TileMut<'_> {
+        let (input, rest) = tile.split_at_mut(self.inputs * points);
+        let (jacobian, rest) = rest.split_at_mut(self.rows_of_jacobian() * points);
+        let a = &mut rest[..self.hidden * points];
         TileMut { input, jacobian, a }
     }
 
@@ -142,8 +147,9 @@ pub(crate) fn forward(
             points
                 .par_chunks(3 * POINTS)
                 .zip(out.par_chunks_mut(columns * POINTS))
+                .with_min_len(TILES_PER_TASK)
                 .for_each_init(
-                    || (Scratch::new(tile_len), Working::new(&weights)),
+                    || (Scratch::new(tile_len), WorkingRoom::new(&weights)),
                     |(tile, working), (points, out)| {
                         Arch::new().dispatch(ForwardTile {
                             points,
@@ -152,6 +158,8 @@ pub(crate) fn forward(
                             config,
                             layout,
                             kind,
+                            // Nobody reads what lies behind the last point.
+                            lanes: (points.len() / 3).next_multiple_of(GRAIN),
                             tile,
                             working,
                             out,
@@ -172,7 +180,7 @@ pub(crate) fn forward(
                 .zip(tiles.par_chunks_mut(tile_len))
                 .zip(places.par_chunks_mut(kind.len_of_places()))
                 .for_each_init(
-                    || (Scratch::new(tile_len), Working::new(&weights)),
+                    || (Scratch::new(tile_len), WorkingRoom::new(&weights)),
                     |(tile, working), (((points, out), saved), places)| {
                         Arch::new().dispatch(ForwardTile {
                             points,
@@ -181,6 +189,7 @@ pub(crate) fn forward(
                             config,
                             layout,
                             kind,
+                            lanes: POINTS,
                             tile,
                             working,
                             out,
@@ -188,10 +197,11 @@ pub(crate) fn forward(
                         // Row by row in its place, it would fetch lines of cache only to overwrite
                         // them, beside those that the encoding waits for.
                         saved.copy_from_slice(tile);
+                        let rows = working.rows_mut(&weights, POINTS);
                         let (unit, g) = places.split_at_mut(3 * POINTS);
-                        unit.copy_from_slice(&working.unit);
+                        unit.copy_from_slice(rows.unit);
                         if kind.normal == Normal::Computed {
-                            g.copy_from_slice(&working.g[3 * POINTS..]);
+                            g.copy_from_slice(&rows.g[3 * POINTS..]);
                         }
                     },
                 );
@@ -212,40 +222,59 @@ pub(crate) fn forward(
     }
 }
 
-/// One tile's intermediate rows that backward does not ask for: each is written before it is read.
-struct Working {
+/// Room for one tile's intermediate rows that backward does not ask for: each is written before it is read.
+struct WorkingRoom(Scratch);
+
+/// These rows.
+struct Working<'a> {
     /// Positions in the grid, in `[0, 1]`.
-    unit: Scratch,
-    z: Scratch,
+    unit: &'a mut [f32],
+    z: &'a mut [f32],
     /// Derivative of the hidden layer by `z`.
-    slope: Scratch,
+    slope: &'a mut [f32],
     /// The sdf's derivative by `z`.
-    u: Scratch,
+    u: &'a mut [f32],
     /// The sdf's derivative by the input.
-    g: Scratch,
-    out: Scratch,
+    g: &'a mut [f32],
+    out: &'a mut [f32],
 }
 
-impl Working {
+impl WorkingRoom {
     fn new(weights: &Weights) -> Self {
-        let rows = |count: usize| Scratch::new(count * POINTS);
-        Self {
-            unit: rows(3),
-            z: rows(weights.hidden),
-            slope: rows(weights.hidden),
-            u: rows(weights.hidden),
-            g: rows(weights.inputs),
-            out: rows(weights.outputs + 3),
+        let rows: usize = Self::counts(weights).iter().sum();
+        Self(Scratch::new(rows * POINTS))
+    }
+
+    fn counts(weights: &Weights) -> [usize; 6] {
+        let (inputs, hidden) = (weights.inputs, weights.hidden);
+        [3, hidden, hidden, hidden, inputs, weights.columns()]
+    }
+
+    /// Rows of `points` values each.
+    fn rows_mut(&mut self, weights: &Weights, points: usize) -> Working<'_> {
+        let mut rest = &mut *self.0;
+        let [unit, z, slope, u, g, out] = Self::counts(weights).map(|count| {
+            let (rows, behind) = std::mem::take(&mut rest).split_at_mut(count * points);
+            rest = behind;
+            rows
+        });
+        Working {
+            unit,
+            z,
+            slope,
+            u,
+            g,
+            out,
         }
     }
 }
 
 /// `u = w2 * slope`, the sdf's derivative by `z`.
 #[inline(always)]
-pub(super) fn slope_of_hidden(weights: &Weights, slope: &[f32], u: &mut [f32]) {
+pub(super) fn slope_of_hidden(weights: &Weights, points: usize, slope: &[f32], u: &mut [f32]) {
     for ((u, slope), &w) in u
-        .chunks_exact_mut(POINTS)
-        .zip(slope.chunks_exact(POINTS))
+        .chunks_exact_mut(points)
+        .zip(slope.chunks_exact(points))
         .zip(&weights.w2)
     {
         for (u, slope) in u.iter_mut().zip(slope) {
@@ -256,16 +285,16 @@ pub(super) fn slope_of_hidden(weights: &Weights, slope: &[f32], u: &mut [f32]) {
 
 /// `n = g_p + J^T g_h` for the tile; `scale` is that of the grid's unit to the points' own.
 #[inline(always)]
-fn normal_of_tile(g: &[f32], jacobian: &[f32], scale: f32, normal: &mut [f32]) {
-    for (axis, n) in normal.chunks_exact_mut(POINTS).enumerate() {
+fn normal_of_tile(g: &[f32], jacobian: &[f32], scale: f32, points: usize, normal: &mut [f32]) {
+    for (axis, n) in normal.chunks_exact_mut(points).enumerate() {
         n.fill(0.0);
-        for (k, g) in g[3 * POINTS..].chunks_exact(POINTS).enumerate() {
-            let j = &jacobian[(3 * k + axis) * POINTS..(3 * k + axis + 1) * POINTS];
+        for (k, g) in g[3 * points..].chunks_exact(points).enumerate() {
+            let j = &jacobian[(3 * k + axis) * points..(3 * k + axis + 1) * points];
             for ((n, g), j) in n.iter_mut().zip(g).zip(j) {
                 *n += g * j;
             }
         }
-        let direct = &g[axis * POINTS..(axis + 1) * POINTS];
+        let direct = &g[axis * points..(axis + 1) * points];
         for (n, g) in n.iter_mut().zip(direct) {
             *n = g + scale * *n;
         }
@@ -279,8 +308,10 @@ struct ForwardTile<'a> {
     config: &'a SdfFieldConfig,
     layout: &'a GridLayout,
     kind: TileKind,
+    /// Values of a row: the tile's points, rounded up.
+    lanes: usize,
     tile: &'a mut [f32],
-    working: &'a mut Working,
+    working: &'a mut WorkingRoom,
     out: &'a mut [f32],
 }
 
@@ -293,43 +324,50 @@ impl WithSimd for ForwardTile<'_> {
             weights,
             config,
             working,
+            lanes,
             ..
         } = self;
-        let TileMut { input, jacobian, a } = self.kind.rows_mut(self.tile);
-        rows_to_tile(self.points, 3, &mut input[..3 * POINTS]);
+        let Working {
+            unit,
+            z,
+            slope,
+            u,
+            g,
+            out,
+        } = working.rows_mut(weights, lanes);
+        let TileMut { input, jacobian, a } = self.kind.rows_mut(self.tile, lanes);
+        rows_to_tile(self.points, 3, &mut input[..3 * lanes]);
         let scale = 0.5 / config.half_side;
-        for (unit, p) in working.unit.iter_mut().zip(&input[..3 * POINTS]) {
+        for (unit, p) in unit.iter_mut().zip(&input[..3 * lanes]) {
             *unit = p * scale + 0.5;
         }
-        let wanted = (config.normal == Normal::Computed).then_some(&mut *jacobian);
+        let wants_normal = config.normal == Normal::Computed;
+        let wanted = wants_normal.then_some(&mut *jacobian);
         encode(
             self.layout,
             self.table,
-            &working.unit,
-            &mut input[3 * POINTS..],
+            unit,
+            &mut input[3 * lanes..],
             wanted,
         );
-        layer::forward(simd, &weights.w1, Some(&weights.b1), input, &mut working.z);
-        activation::softplus(simd, config.beta, &working.z, a, &mut working.slope);
-
-        let wants_normal = config.normal == Normal::Computed;
+        layer::forward_of(simd, lanes, &weights.w1, Some(&weights.b1), input, z);
+        activation::softplus(simd, config.beta, z, a, slope);
         if wants_normal {
-            let Working { slope, u, g, .. } = &mut *working;
-            slope_of_hidden(weights, slope, u);
-            layer::forward(simd, &weights.w1_transposed, None, u, g);
+            slope_of_hidden(weights, lanes, slope, u);
+            layer::forward_of(simd, lanes, &weights.w1_transposed, None, u, g);
         }
-        let (values, normal) = working.out.split_at_mut(weights.outputs * POINTS);
-        layer::forward(simd, &weights.w2, Some(&weights.b2), a, values);
+        let (values, normal) = out.split_at_mut(weights.outputs * lanes);
+        layer::forward_of(simd, lanes, &weights.w2, Some(&weights.b2), a, values);
         if wants_normal {
-            normal_of_tile(&working.g, jacobian, scale, normal);
+            normal_of_tile(g, jacobian, scale, lanes, normal);
         } else {
             normal.fill(0.0);
         }
-        tile_to_rows(&working.out, weights.columns(), self.out);
+        tile_to_rows(out, weights.columns(), self.out);
     }
 }
 
-/// Encodes the tile's unit positions `[3, POINTS]`; `layout` and `table` end with the active levels.
+/// Encodes the tile's unit positions `[3, points]`; `layout` and `table` end with the active levels.
 #[inline(always)]
 fn encode(
     layout: &GridLayout,
@@ -338,8 +376,8 @@ fn encode(
     values: &mut [f32],
     jacobian: Option<&mut [f32]>,
 ) {
-    let (x, yz) = unit.split_at(POINTS);
-    let (y, z) = yz.split_at(POINTS);
+    let (x, yz) = unit.split_at(unit.len() / 3);
+    let (y, z) = yz.split_at(x.len());
     grid::encode_tile(
         layout,
         layout.levels.len(),
