@@ -14,8 +14,8 @@ use crate::probability::ProbabilityMap;
 pub struct LevelSet {
     threshold: f32,
     resolution: usize,
-    everywhere: Vec<u64>,
-    nowhere: Vec<u64>,
+    /// Of 64 cubes each: which are everywhere and which nowhere, beside each other as both are asked.
+    sides: Vec<[u64; 2]>,
 }
 
 /// How far interpolation may round beyond the eight values.
@@ -48,24 +48,22 @@ impl LevelSet {
                     }
                 },
             );
-        let words = |of: u8| -> Vec<u64> {
-            sides
-                .par_chunks(64)
-                .with_min_len(ROWS)
-                .map(|sides| {
+        let sides = sides
+            .par_chunks(64)
+            .with_min_len(ROWS)
+            .map(|sides| {
+                [EVERYWHERE, NOWHERE].map(|of| {
                     let bits = sides.iter().enumerate();
                     bits.fold(0, |word, (bit, side)| {
                         word | u64::from(side & of != 0) << bit
                     })
                 })
-                .collect()
-        };
-        let (everywhere, nowhere) = (words(EVERYWHERE), words(NOWHERE));
+            })
+            .collect();
         Self {
             threshold,
             resolution,
-            everywhere,
-            nowhere,
+            sides,
         }
     }
 
@@ -78,11 +76,11 @@ impl LevelSet {
             return self.threshold <= 0.0;
         }
         let cube = map.cube_of(point);
-        let (word, bit) = (cube / 64, cube % 64);
-        if self.everywhere[word] >> bit & 1 == 1 {
+        let ([everywhere, nowhere], bit) = (self.sides[cube / 64], cube % 64);
+        if everywhere >> bit & 1 == 1 {
             return true;
         }
-        if self.nowhere[word] >> bit & 1 == 1 {
+        if nowhere >> bit & 1 == 1 {
             return false;
         }
         map.at(point) >= self.threshold
