@@ -45,7 +45,8 @@ fn hidden(config: &TrainConfig, data: &Prepared, box_background: &[f32]) -> f32 
     let batch = Sampler::new(data, config.seed, 0.5).draw(data, 0, RAYS);
     let grids = FieldGrids::new(32, &data.map, config.prepare.crop_threshold);
     // Not cropped: the background is before the object and inside it.
-    let mut marched = BatchMarcher::default().march(
+    let mut marcher = BatchMarcher::default();
+    let marched = marcher.march(
         &batch.rays,
         Grids {
             object: Some(&grids.object),
@@ -54,6 +55,7 @@ fn hidden(config: &TrainConfig, data: &Prepared, box_background: &[f32]) -> f32 
         &MarchConfig::default(),
         grids.partition(&data.map, false),
     );
+    let mut marched = marched.samples();
     marched.background.look_up(&data.map);
     let mut trainer = Trainer::new(config, data).unwrap();
     let schedule = trainer.schedule();

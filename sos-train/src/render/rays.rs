@@ -15,7 +15,7 @@ use scene_decomp::probability::ProbabilityMap;
 
 use super::semantic::with_shares;
 use crate::config::{AlphaSource, Blend, Fields, TrainConfig, Transparency};
-use crate::train::batch::{BatchMarcher, MarchedBatch};
+use crate::train::batch::{BatchMarcher, MarchedBatch, MarchedRays};
 use crate::train::blend::blend;
 use crate::train::grids::FieldGrids;
 use crate::train::visible::{FrozenFields, Look, composite_config};
@@ -75,6 +75,8 @@ pub(super) enum Extent {
     All,
     /// Up to where it leaves the object's box.
     Box,
+    /// Up to the last place where the object may be.
+    BeforeObject,
     /// FoCoR alone.
     Object,
 }
@@ -121,15 +123,14 @@ impl FrozenScene {
         rays.par_chunks(CHUNK)
             .map_init(BatchMarcher::default, |marcher, chunk| {
                 // Most rays past the object meet none of its samples: they need no more than that.
-                let object = self.march(chunk, marcher, Extent::Object);
+                let object = self.march(chunk, marcher, Extent::Object).samples();
                 let offsets = object.packing.object_offsets();
                 let hit: Vec<usize> = (0..chunk.len())
                     .filter(|&ray| offsets[ray + 1] > offsets[ray])
                     .collect();
                 let rays: Vec<Ray> = hit.iter().map(|&ray| chunk[ray]).collect();
-                let marched = self.march(&rays, marcher, Extent::Box);
-                let marched = before_the_object(&marched);
-                let look = self.fields.look(&marched, &self.config, 1.0, |_| false);
+                let marched = self.march(&rays, marcher, Extent::BeforeObject);
+                let (marched, look) = self.fields.look(marched, &self.config, 1.0, |_| false);
                 let mut mattes = vec![0.0f32; chunk.len()];
                 for (&ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
                     mattes[hit[ray as usize]] += seen.weight;
@@ -235,18 +236,17 @@ impl FrozenScene {
     ) -> (MarchedBatch, Look) {
         let marched = self.march(rays, marcher, extent);
         if self.is_semantic() {
-            return self.split(&marched, extent);
+            return self.split(&marched.samples(), extent);
         }
-        let look = self.fields.look(&marched, &self.config, 1.0, |_| alone);
-        (marched, look)
+        self.fields.look(marched, &self.config, 1.0, |_| alone)
     }
 
-    pub(super) fn march(
-        &self,
-        rays: &[Ray],
-        marcher: &mut BatchMarcher,
+    pub(super) fn march<'a>(
+        &'a self,
+        rays: &'a [Ray],
+        marcher: &'a mut BatchMarcher,
         extent: Extent,
-    ) -> MarchedBatch {
+    ) -> MarchedRays<'a> {
         let sampling = &self.config.sampling;
         let march = MarchConfig {
             step_object: 2.0 / sampling.object_steps as f32,
@@ -260,6 +260,9 @@ impl FrozenScene {
             crate::train::space(&self.config, self.step, &self.grids, &self.map);
         if extent == Extent::Object && !self.is_semantic() {
             grids.background = None;
+        }
+        if extent == Extent::BeforeObject {
+            return marcher.march_to_object(rays, grids, &march, partition);
         }
         marcher.march(rays, grids, &march, partition)
     }
@@ -361,24 +364,6 @@ pub(super) fn opaque_by(transparency: Transparency, first: f32) -> f32 {
         Transparency::Sdf => first,
         Transparency::Density => density_of(first),
     }
-}
-
-/// Leaves out the background behind each ray's last sample of the object, which no matte depends on.
-fn before_the_object(marched: &MarchedBatch) -> MarchedBatch {
-    let packing = &marched.packing;
-    let last: Vec<Option<u32>> = packing
-        .object_offsets()
-        .windows(2)
-        .map(|rows| (rows[1] > rows[0]).then(|| packing.object()[rows[1] as usize - 1]))
-        .collect();
-    let object: Vec<u32> = (0..marched.object.len() as u32).collect();
-    let background: Vec<u32> = (0..marched.background.len() as u32)
-        .filter(|&i| {
-            let ray = marched.background.ray[i as usize] as usize;
-            last[ray].is_some_and(|last| packing.background()[i as usize] <= last)
-        })
-        .collect();
-    marched.keep(&object, &background)
 }
 
 /// Where half of the background's own light has come from, with the object left out; 0 where there

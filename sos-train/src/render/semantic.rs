@@ -23,7 +23,7 @@ impl FrozenScene {
         rays.par_chunks(CHUNK)
             .map_init(BatchMarcher::default, |marcher, chunk| {
                 let marched = self.march(chunk, marcher, Extent::All);
-                let look = self.fields.look(&marched, &self.config, 1.0, |_| false);
+                let (marched, look) = self.fields.look(marched, &self.config, 1.0, |_| false);
                 shares(&marched, &look, chunk.len())
             })
             .flatten_iter()
@@ -43,7 +43,7 @@ impl FrozenScene {
         };
         let object = of(true);
         let background = match extent {
-            Extent::All | Extent::Box => of(false),
+            Extent::All | Extent::Box | Extent::BeforeObject => of(false),
             Extent::Object => Vec::new(),
         };
         let all = &marched.packing;

@@ -1,5 +1,7 @@
 //! From rays to the two fields' samples.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use neus_render::composite::Packing;
 use neus_render::contraction::contract;
@@ -171,63 +173,157 @@ pub struct BatchMarcher {
     intervals: Intervals,
 }
 
+/// Rays with what the grids leave of them. Samples are made of it as they are wanted: all by
+/// [`MarchedRays::samples`], or those that light reaches by [`FrozenFields::look`](super::visible::FrozenFields::look).
+#[derive(Clone, Copy, Debug)]
+pub struct MarchedRays<'a> {
+    /// The rays.
+    pub rays: &'a [Ray],
+    /// Their intervals in occupied cells.
+    pub intervals: &'a Intervals,
+    /// Neither field is asked where this gives space to the other.
+    pub partition: Partition<'a>,
+}
+
 /// Rays that one task turns into samples.
 const CHUNK: usize = 64;
 
-/// The samples of some neighbouring rays.
-struct Part {
-    object: FieldSamples,
-    object_intervals: Vec<u32>,
-    background: FieldSamples,
-    background_intervals: Vec<u32>,
-    /// Lengths in contracted space, of the intervals outside the box.
-    lengths: Vec<(u32, f32)>,
+/// Samples of both fields in the order in which they were made, and the intervals that they are in.
+#[derive(Debug)]
+pub(super) struct SampleLists {
+    pub(super) object: FieldSamples,
+    pub(super) object_intervals: Vec<u32>,
+    pub(super) background: FieldSamples,
+    pub(super) background_intervals: Vec<u32>,
 }
 
 impl BatchMarcher {
-    /// Marches `rays`; neither field is asked where the `partition` gives space to the other.
-    pub fn march(
-        &mut self,
-        rays: &[Ray],
+    /// Marches `rays`.
+    pub fn march<'a>(
+        &'a mut self,
+        rays: &'a [Ray],
         grids: Grids<'_>,
         config: &MarchConfig,
-        partition: Partition<'_>,
-    ) -> MarchedBatch {
+        partition: Partition<'a>,
+    ) -> MarchedRays<'a> {
         self.marcher.march(rays, grids, config, &mut self.intervals);
-        let intervals = &self.intervals;
-        let parts: Vec<Part> = rays
-            .par_chunks(CHUNK)
-            .enumerate()
-            .map(|(chunk, rays)| {
-                let first = chunk * CHUNK;
-                let mut part = Part::for_rays(intervals, first, first + rays.len());
-                for (i, ray) in rays.iter().enumerate() {
-                    part.add(first + i, ray, intervals, partition);
-                }
-                part
-            })
-            .collect();
-        let part = Part::joined(parts);
-        let mut dt = intervals.dt.clone();
-        for (interval, length) in part.lengths {
-            dt[interval as usize] = length;
+        MarchedRays {
+            rays,
+            intervals: &self.intervals,
+            partition,
         }
-        let packing = Packing::new(
-            intervals.ray_offsets.clone(),
-            intervals.t.clone(),
-            dt,
-            part.object_intervals,
-            part.background_intervals,
-        );
-        MarchedBatch {
-            packing,
-            object: part.object,
-            background: part.background,
+    }
+
+    /// The same without the background behind each ray's last interval of the object's, which no
+    /// matte depends on.
+    pub fn march_to_object<'a>(
+        &'a mut self,
+        rays: &'a [Ray],
+        grids: Grids<'_>,
+        config: &MarchConfig,
+        partition: Partition<'a>,
+    ) -> MarchedRays<'a> {
+        self.marcher.march(rays, grids, config, &mut self.intervals);
+        let Intervals {
+            ray_offsets,
+            object,
+            background,
+            ..
+        } = &mut self.intervals;
+        for range in ray_offsets.windows(2) {
+            let range = range[0] as usize..range[1] as usize;
+            let last = object[range.clone()].iter().rposition(|object| *object);
+            let behind = last.map_or(range.start, |last| range.start + last + 1);
+            background[behind..range.end].fill(false);
+        }
+        MarchedRays {
+            rays,
+            intervals: &self.intervals,
+            partition,
         }
     }
 }
 
-impl Part {
+impl MarchedRays<'_> {
+    /// The numbers of a ray's intervals.
+    pub(super) fn range(&self, ray: usize) -> Range<u32> {
+        self.intervals.ray_offsets[ray]..self.intervals.ray_offsets[ray + 1]
+    }
+
+    /// All samples, whether light reaches them or not.
+    #[must_use]
+    pub fn samples(&self) -> MarchedBatch {
+        let parts: Vec<(SampleLists, Vec<f32>)> = (0..self.rays.len().div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let first = chunk * CHUNK;
+                let end = (first + CHUNK).min(self.rays.len());
+                let mut lists = SampleLists::for_rays(self.intervals, first, end);
+                let mut lengths = Vec::new();
+                for ray in first..end {
+                    for interval in self.range(ray) {
+                        let length = self.add(ray, interval, &mut lists);
+                        lengths.push(length.unwrap_or(self.intervals.dt[interval as usize]));
+                    }
+                }
+                (lists, lengths)
+            })
+            .collect();
+        let (parts, lengths): (Vec<SampleLists>, Vec<Vec<f32>>) = parts.into_iter().unzip();
+        let lists = SampleLists::joined(parts);
+        MarchedBatch {
+            packing: Packing::new(
+                self.intervals.ray_offsets.clone(),
+                self.intervals.t.clone(),
+                lengths.concat(),
+                lists.object_intervals,
+                lists.background_intervals,
+            ),
+            object: lists.object,
+            background: lists.background,
+        }
+    }
+
+    /// Adds the samples that the fields have in an interval of a ray. Its length is returned, in the
+    /// space of these samples; `None` where there is none.
+    pub(super) fn add(&self, ray: usize, interval: u32, to: &mut SampleLists) -> Option<f32> {
+        let Self {
+            intervals,
+            partition,
+            ..
+        } = self;
+        let i = interval as usize;
+        let number = ray as u32;
+        let ray = &self.rays[ray];
+        let point = ray.at(intervals.t[i]);
+        let inside = point.abs().max_element() <= 1.0;
+        let within = |set: &LevelSet| inside && set.contains(partition.map, point);
+        let object = intervals.object[i] && within(partition.hull);
+        if object {
+            to.object.push(point, ray.direction, number);
+            to.object_intervals.push(interval);
+        }
+        if !intervals.background[i] || partition.crop.is_some_and(within) {
+            return object.then_some(intervals.dt[i]);
+        }
+        to.background_intervals.push(interval);
+        if inside {
+            // Contracted space is the box's own there.
+            to.background.push(point, ray.direction, number);
+            return Some(intervals.dt[i]);
+        }
+        // Outside the box the field lives in contracted space, and so do steps along the ray.
+        let (t, half) = (intervals.t[i], 0.5 * intervals.dt[i]);
+        let across = contract(ray.at(t + half)) - contract(ray.at(t - half));
+        let length = across.length();
+        let direction = across / length.max(1e-12);
+        to.background.push(contract(point), direction, number);
+        let last = interval + 1 == intervals.ray_offsets[number as usize + 1];
+        Some(if last { BACKDROP } else { length })
+    }
+}
+
+impl SampleLists {
     /// With room for all that rays `first..end` can have.
     fn for_rays(intervals: &Intervals, first: usize, end: usize) -> Self {
         let offsets = &intervals.ray_offsets;
@@ -237,13 +333,12 @@ impl Part {
     }
 
     /// With room for so many samples of either field.
-    fn with_capacity(object: usize, background: usize) -> Self {
+    pub(super) fn with_capacity(object: usize, background: usize) -> Self {
         Self {
             object: FieldSamples::with_capacity(object),
             object_intervals: Vec::with_capacity(object),
             background: FieldSamples::with_capacity(background),
             background_intervals: Vec::with_capacity(background),
-            lengths: Vec::new(),
         }
     }
 
@@ -261,41 +356,7 @@ impl Part {
             all.background.append(&part.background, 0);
             all.object_intervals.extend(part.object_intervals);
             all.background_intervals.extend(part.background_intervals);
-            all.lengths.extend(part.lengths);
         }
         all
-    }
-
-    fn add(&mut self, number: usize, ray: &Ray, intervals: &Intervals, partition: Partition<'_>) {
-        let range = intervals.ray_offsets[number]..intervals.ray_offsets[number + 1];
-        for interval in range.clone() {
-            let i = interval as usize;
-            let (object, background) = (intervals.object[i], intervals.background[i]);
-            let point = ray.at(intervals.t[i]);
-            let inside = point.abs().max_element() <= 1.0;
-            let within = |set: &LevelSet| inside && set.contains(partition.map, point);
-            if object && within(partition.hull) {
-                self.object.push(point, ray.direction, number as u32);
-                self.object_intervals.push(interval);
-            }
-            if !background || partition.crop.is_some_and(within) {
-                continue;
-            }
-            // Outside the box the field lives in contracted space, and so do steps along the ray.
-            let direction = if inside {
-                ray.direction
-            } else {
-                let (t, half) = (intervals.t[i], 0.5 * intervals.dt[i]);
-                let across = contract(ray.at(t + half)) - contract(ray.at(t - half));
-                let length = across.length();
-                let last = interval + 1 == range.end;
-                self.lengths
-                    .push((interval, if last { BACKDROP } else { length }));
-                across / length.max(1e-12)
-            };
-            self.background
-                .push(contract(point), direction, number as u32);
-            self.background_intervals.push(interval);
-        }
     }
 }

@@ -94,7 +94,7 @@ fn gather_chunk(
     let alone = |ray: usize| {
         both_alone || (outside_alone && batch.labels[first + ray] == Label::Background)
     };
-    let look = fields.look(&marched, config, rules.cos_anneal, alone);
+    let (marched, look) = fields.look(marched, config, rules.cos_anneal, alone);
     let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x00d4_a3e1);
     let share = config.sampling.clear_share;
     let object = match config.model.foreground {

@@ -1,26 +1,24 @@
 //! Looking along rays in rounds, front to back, as far as light goes.
 //!
-//! Half of a ray's samples and more lie behind its first surface. So a round asks the fields about
-//! the next few samples of every ray that still has light, and the next round only those rays that
-//! have some left. What is reached comes out with the same bits as if all had been asked at once.
+//! Half of a ray's samples and more lie behind its first surface. So a round makes the next few
+//! samples of every ray that still has light and asks the fields about them, and the next round only
+//! those rays that have some left. What is reached comes out with the same bits as if all had been
+//! asked at once.
 
 use glam::Vec3;
 use neus_render::composite::{
-    CompositeConfig, Light, Packing, SampleVisibility, Visibility, background_column,
-    object_column, visibility_from,
+    CompositeConfig, Light, Packing, SampleVisibility, background_column, object_column,
+    visibility_from,
 };
-use rayon::prelude::*;
 use scene_decomp::colour_field::density_of;
 use scene_decomp::{FrozenSurface, Geometry};
 
-use super::batch::{FieldSamples, MarchedBatch};
+use super::batch::{FieldSamples, MarchedBatch, MarchedRays, SampleLists};
 use super::visible::{LEAST_TRANSMITTANCE, Look};
 use crate::config::Transparency;
 
 /// Samples of a ray in the first round; twice as many in each further one.
 const FIRST_ROUND: usize = 8;
-/// Points that one task copies.
-const CHUNK: usize = 1024;
 
 /// What a look needs to know of the fields besides themselves.
 #[derive(Clone, Copy, Debug)]
@@ -33,59 +31,35 @@ pub(super) struct Rules {
     pub(super) compositing: CompositeConfig,
 }
 
-/// Looks at `marched` until no ray has light left: through both fields, or through the background
-/// by itself where that is asked for `alone`.
+/// Looks along `marched` until no ray has light left: through both fields, or through the background
+/// by itself where that is asked for `alone`. Returned are the samples that were made for it.
 pub(super) fn look(
     object: &FrozenSurface,
     background: &FrozenSurface,
-    marched: &MarchedBatch,
+    marched: MarchedRays<'_>,
     rules: Rules,
     alone: impl Fn(usize) -> bool,
-) -> Look {
-    let mut out = Look {
-        object: blank(object, marched.object.len()),
-        background: blank(background, marched.background.len()),
-        visibility: SampleVisibility {
-            object: vec![Visibility::default(); marched.object.len()],
-            background: vec![Visibility::default(); marched.background.len()],
-        },
-    };
-    let mut rays = all_rays(&marched.packing);
+) -> (MarchedBatch, Look) {
+    let mut reached = Reached::new(marched, [object.columns(), background.columns()]);
+    let mut rays = all_rays(marched);
     let mut most = FIRST_ROUND;
     while !rays.is_empty() {
-        let mut round = Round::new(&marched.packing, &mut rays, most);
-        let object_geometry = ask(object, &marched.object, &round.object, &mut out.object);
-        let background_geometry = ask(
-            background,
-            &marched.background,
-            &round.background,
-            &mut out.background,
-        );
-        let slope = |geometry: &Geometry, i: usize, at: &FieldSamples, row: u32| {
-            let direction = Vec3::from_slice(&at.directions[3 * row as usize..]);
-            geometry.normal(i).dot(direction)
-        };
+        let mut round = reached.advance(&mut rays, most);
+        let object_geometry = ask(object, &reached.samples.object, round.object);
+        let background_geometry = ask(background, &reached.samples.background, round.background);
         let [of_object, of_background] = rules.transparency;
-        let opaque_by = |transparency, geometry: &Geometry, i, at: &FieldSamples, row| {
-            let sdf = geometry.sdf(i);
-            match transparency {
-                Transparency::Sdf => (sdf, slope(geometry, i, at, row)),
-                Transparency::Density => (density_of(sdf), 0.0),
-            }
-        };
-        let object_values = rows::<{ object_column::COUNT }>(&round.object, |i, row, value| {
-            (value[object_column::SDF], value[object_column::SLOPE]) =
-                opaque_by(of_object, &object_geometry, i, &marched.object, row);
-            value[object_column::MATTE] = rules.matte;
-        });
-        let background_values =
-            rows::<{ background_column::COUNT }>(&round.background, |i, row, value| {
-                let at = &marched.background;
-                (
-                    value[background_column::SDF],
-                    value[background_column::SLOPE],
-                ) = opaque_by(of_background, &background_geometry, i, at, row);
-            });
+        let object_values = rows::<{ object_column::COUNT }>(
+            &object_geometry,
+            of_object,
+            &reached.samples.object.directions[3 * round.object..],
+            |value| value[object_column::MATTE] = rules.matte,
+        );
+        let background_values = rows::<{ background_column::COUNT }>(
+            &background_geometry,
+            of_background,
+            &reached.samples.background.directions[3 * round.background..],
+            |_| {},
+        );
         let seen = visibility_from(
             &object_values,
             &background_values,
@@ -94,18 +68,10 @@ pub(super) fn look(
             rules.compositing,
             &mut round.light,
         );
-        for (rows, seen, all) in [
-            (&round.object, seen.object, &mut out.visibility.object),
-            (
-                &round.background,
-                seen.background,
-                &mut out.visibility.background,
-            ),
-        ] {
-            for (&row, seen) in rows.iter().zip(seen) {
-                all[row as usize] = seen;
-            }
-        }
+        reached.object.values.extend(object_geometry.values);
+        reached.background.values.extend(background_geometry.values);
+        reached.visibility.object.extend(seen.object);
+        reached.visibility.background.extend(seen.background);
         for (ray, light) in rays.iter_mut().zip(&round.light) {
             ray.light = *light;
         }
@@ -115,54 +81,41 @@ pub(super) fn look(
             } else {
                 ray.light.joint
             };
-            left > LEAST_TRANSMITTANCE && !ray.is_over()
+            left > LEAST_TRANSMITTANCE && ray.next < ray.end
         });
         most *= 2;
     }
-    out
+    reached.in_order()
 }
 
-fn blank(field: &FrozenSurface, points: usize) -> Geometry {
-    let columns = field.columns();
-    Geometry {
-        values: vec![0.0; points * columns],
-        columns,
-    }
+/// Asks a field about the samples from number `first` on.
+fn ask(field: &FrozenSurface, at: &FieldSamples, first: usize) -> Geometry {
+    field.geometry_of(at.points[3 * first..].to_vec())
 }
 
-/// Asks a field about the samples with these numbers; their rows are also copied into `all`.
-fn ask(field: &FrozenSurface, at: &FieldSamples, chosen: &[u32], all: &mut Geometry) -> Geometry {
-    let mut points = vec![0.0; 3 * chosen.len()];
-    points
-        .par_chunks_mut(3 * CHUNK)
-        .zip(chosen.par_chunks(CHUNK))
-        .for_each(|(points, rows)| {
-            for (point, &row) in points.chunks_exact_mut(3).zip(rows) {
-                let start = 3 * row as usize;
-                point.copy_from_slice(&at.points[start..start + 3]);
-            }
-        });
-    let found = field.geometry_of(points);
-    let columns = all.columns;
-    for (values, &row) in found.values.chunks_exact(columns).zip(chosen) {
-        let start = row as usize * columns;
-        all.values[start..start + columns].copy_from_slice(values);
-    }
-    found
-}
-
-/// One row of `COLUMNS` values for each sample, zero unless `fill(i, number, row)` sets it.
+/// One row of `COLUMNS` values for each point of `geometry`: how opaque it is, seen along `directions`
+/// `[n, 3]`, and what `fill` adds.
 fn rows<const COLUMNS: usize>(
-    chosen: &[u32],
-    fill: impl Fn(usize, u32, &mut [f32]) + Sync,
+    geometry: &Geometry,
+    transparency: Transparency,
+    directions: &[f32],
+    fill: impl Fn(&mut [f32; COLUMNS]),
 ) -> Vec<f32> {
-    let mut values = vec![0.0; chosen.len() * COLUMNS];
-    values
-        .par_chunks_mut(COLUMNS)
-        .zip(chosen)
-        .with_min_len(CHUNK)
-        .enumerate()
-        .for_each(|(i, (row, &number))| fill(i, number, row));
+    const { assert!(object_column::SDF == background_column::SDF) };
+    const { assert!(object_column::SLOPE == background_column::SLOPE) };
+    let mut values = vec![0.0; directions.len() / 3 * COLUMNS];
+    let rows = values.as_chunks_mut::<COLUMNS>().0.iter_mut();
+    for (i, (row, direction)) in rows.zip(directions.chunks_exact(3)).enumerate() {
+        let sdf = geometry.sdf(i);
+        match transparency {
+            Transparency::Sdf => {
+                row[object_column::SDF] = sdf;
+                row[object_column::SLOPE] = geometry.normal(i).dot(Vec3::from_slice(direction));
+            }
+            Transparency::Density => row[object_column::SDF] = density_of(sdf),
+        }
+        fill(row);
+    }
     values
 }
 
@@ -171,31 +124,23 @@ fn rows<const COLUMNS: usize>(
 struct ActiveRay {
     number: usize,
     light: Light,
-    /// The next rows, and the ends of the ray's.
-    object: u32,
-    object_end: u32,
-    background: u32,
-    background_end: u32,
+    /// The next interval, and the end of the ray's.
+    next: u32,
+    end: u32,
 }
 
-impl ActiveRay {
-    fn is_over(&self) -> bool {
-        self.object == self.object_end && self.background == self.background_end
-    }
-}
-
-fn all_rays(packing: &Packing) -> Vec<ActiveRay> {
-    let (object, background) = (packing.object_offsets(), packing.background_offsets());
-    (0..packing.ray_count())
-        .map(|number| ActiveRay {
-            number,
-            light: Light::ALL,
-            object: object[number],
-            object_end: object[number + 1],
-            background: background[number],
-            background_end: background[number + 1],
+fn all_rays(marched: MarchedRays<'_>) -> Vec<ActiveRay> {
+    (0..marched.rays.len())
+        .map(|number| {
+            let range = marched.range(number);
+            ActiveRay {
+                number,
+                light: Light::ALL,
+                next: range.start,
+                end: range.end,
+            }
         })
-        .filter(|ray| !ray.is_over())
+        .filter(|ray| ray.next < ray.end)
         .collect()
 }
 
@@ -203,56 +148,295 @@ fn all_rays(packing: &Packing) -> Vec<ActiveRay> {
 struct Round {
     packing: Packing,
     light: Vec<Light>,
-    /// Rows of the whole batch.
-    object: Vec<u32>,
-    background: Vec<u32>,
+    /// Number of its first sample.
+    object: usize,
+    background: usize,
 }
 
-impl Round {
-    /// Takes up to `most` intervals of each of `rays`, which advance.
-    fn new(all: &Packing, rays: &mut [ActiveRay], most: usize) -> Self {
+/// What was asked about so far, round by round.
+struct Reached<'a> {
+    marched: MarchedRays<'a>,
+    /// The samples' intervals are numbers in the lists below.
+    samples: SampleLists,
+    object: Geometry,
+    background: Geometry,
+    visibility: SampleVisibility,
+    /// Of each interval that has a sample: its ray, its number among all marched, and its length.
+    ray: Vec<u32>,
+    interval: Vec<u32>,
+    dt: Vec<f32>,
+}
+
+impl<'a> Reached<'a> {
+    fn new(marched: MarchedRays<'a>, columns: [usize; 2]) -> Self {
+        let blank = |columns| Geometry {
+            values: Vec::new(),
+            columns,
+        };
+        let [object, background] = columns.map(blank);
+        let room = 2 * FIRST_ROUND * marched.rays.len();
+        Self {
+            marched,
+            samples: SampleLists::with_capacity(room, room),
+            object,
+            background,
+            visibility: SampleVisibility::default(),
+            ray: Vec::with_capacity(room),
+            interval: Vec::with_capacity(room),
+            dt: Vec::with_capacity(room),
+        }
+    }
+
+    /// Makes the samples of up to `most` intervals of each of `rays`, which advance.
+    fn advance(&mut self, rays: &mut [ActiveRay], most: usize) -> Round {
+        let first = self.dt.len();
+        let samples = &mut self.samples;
+        let (object, background) = (samples.object.len(), samples.background.len());
         let mut offsets = Vec::with_capacity(rays.len() + 1);
         offsets.push(0);
-        let (mut object, mut background, mut dt) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut object_intervals, mut background_intervals) = (Vec::new(), Vec::new());
         for ray in rays.iter_mut() {
-            for _ in 0..most {
-                let next = |row: u32, end: u32, of: &[u32]| {
-                    if row < end {
-                        of[row as usize]
-                    } else {
-                        u32::MAX
-                    }
-                };
-                let object_next = next(ray.object, ray.object_end, all.object());
-                let background_next = next(ray.background, ray.background_end, all.background());
-                let interval = object_next.min(background_next);
-                if interval == u32::MAX {
-                    break;
-                }
-                let number = dt.len() as u32;
-                dt.push(all.dt()[interval as usize]);
-                if object_next == interval {
-                    object.push(ray.object);
-                    object_intervals.push(number);
-                    ray.object += 1;
-                }
-                if background_next == interval {
-                    background.push(ray.background);
-                    background_intervals.push(number);
-                    ray.background += 1;
+            let begin = self.dt.len();
+            while ray.next < ray.end && self.dt.len() < begin + most {
+                let interval = ray.next;
+                ray.next += 1;
+                if let Some(length) = self.marched.add(ray.number, interval, samples) {
+                    self.ray.push(ray.number as u32);
+                    self.interval.push(interval);
+                    self.dt.push(length);
                 }
             }
-            offsets.push(dt.len() as u32);
+            offsets.push((self.dt.len() - first) as u32);
         }
-        let light = rays.iter().map(|ray| ray.light).collect();
-        // Opacities depend on lengths, not on distances.
-        let t = vec![0.0; dt.len()];
-        Self {
-            packing: Packing::new(offsets, t, dt, object_intervals, background_intervals),
-            light,
+        let dt = self.dt[first..].to_vec();
+        let numbers = |of: &[u32]| numbers(&self.interval[first..], of);
+        Round {
+            // Opacities depend on lengths, not on distances.
+            packing: Packing::new(
+                offsets,
+                vec![0.0; dt.len()],
+                dt,
+                numbers(&samples.object_intervals[object..]),
+                numbers(&samples.background_intervals[background..]),
+            ),
+            light: rays.iter().map(|ray| ray.light).collect(),
             object,
             background,
         }
+    }
+
+    /// All of it, ray by ray and front to back.
+    fn in_order(self) -> (MarchedBatch, Look) {
+        let rays = self.marched.rays.len();
+        let order = by_ray(&self.ray, rays);
+        let object = by_ray(&self.samples.object.ray, rays);
+        let background = by_ray(&self.samples.background.ray, rays);
+        let intervals: Vec<u32> = select(&self.interval, &order);
+        let mut offsets = vec![0; rays + 1];
+        for ray in &self.ray {
+            offsets[*ray as usize + 1] += 1;
+        }
+        for ray in 0..rays {
+            offsets[ray + 1] += offsets[ray];
+        }
+        let t = &self.marched.intervals.t;
+        let marched = MarchedBatch {
+            packing: Packing::new(
+                offsets,
+                intervals.iter().map(|&i| t[i as usize]).collect(),
+                select(&self.dt, &order),
+                numbers(&intervals, &select(&self.samples.object_intervals, &object)),
+                numbers(
+                    &intervals,
+                    &select(&self.samples.background_intervals, &background),
+                ),
+            ),
+            object: self.samples.object.select(&object),
+            background: self.samples.background.select(&background),
+        };
+        let look = Look {
+            object: self.object.select(&object),
+            background: self.background.select(&background),
+            visibility: SampleVisibility {
+                object: select(&self.visibility.object, &object),
+                background: select(&self.visibility.background, &background),
+            },
+        };
+        (marched, look)
+    }
+}
+
+/// Where each of `wanted`, some of `all` in their order, stands there.
+fn numbers(all: &[u32], wanted: &[u32]) -> Vec<u32> {
+    let mut number = 0;
+    wanted
+        .iter()
+        .map(|wanted| {
+            while all[number] != *wanted {
+                number += 1;
+            }
+            number as u32
+        })
+        .collect()
+}
+
+/// The order that brings samples, given by their rays in `of`, ray by ray: those of a ray stay in theirs.
+fn by_ray(of: &[u32], rays: usize) -> Vec<u32> {
+    let mut next = vec![0; rays + 1];
+    for ray in of {
+        next[*ray as usize + 1] += 1;
+    }
+    for ray in 0..rays {
+        next[ray + 1] += next[ray];
+    }
+    let mut order = vec![0; of.len()];
+    for (i, ray) in of.iter().enumerate() {
+        let place: &mut u32 = &mut next[*ray as usize];
+        order[*place as usize] = i as u32;
+        *place += 1;
+    }
+    order
+}
+
+fn select<T: Copy>(values: &[T], chosen: &[u32]) -> Vec<T> {
+    chosen.iter().map(|&i| values[i as usize]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use burn::tensor::Device;
+    use hashgrid::{GridConfig, GridLayout};
+    use neus_render::composite::sample_visibility;
+    use neus_render::march::{Grids, Jitter, MarchConfig};
+    use neus_render::rays::Ray;
+    use scene_decomp::probability::ProbabilityMap;
+    use scene_decomp::{BACKGROUND_HALF_SIDE, InitialShape, Surface, SurfaceConfig};
+
+    use super::*;
+    use crate::train::batch::BatchMarcher;
+    use crate::train::grids::FieldGrids;
+
+    fn field(half_side: f32, initial: InitialShape) -> FrozenSurface {
+        let grid = GridConfig {
+            levels: 2,
+            log2_table_size: 8,
+            ..GridConfig::default()
+        };
+        let config = SurfaceConfig {
+            grid: grid.clone(),
+            hidden: 16,
+            features: 2,
+            extra: 0,
+            direction_degree: 0,
+            outputs: 3,
+            half_side,
+            beta: 100.0,
+            initial,
+        };
+        let layout = Arc::new(GridLayout::new(&grid));
+        FrozenSurface::new(&Surface::new(&config, 3, &Device::flex()), &layout, 2)
+    }
+
+    /// Past a ball in a hollow: some rays end at the ball, some at the far wall.
+    #[test]
+    fn what_light_reaches_is_what_asking_about_everything_gives() {
+        let fields = [
+            field(1.0, InitialShape::Ball(0.5)),
+            field(BACKGROUND_HALF_SIDE, InitialShape::Hollow(1.3)),
+        ];
+        let map = ProbabilityMap::new(8, vec![0.5; 512]);
+        let grids = FieldGrids::new(16, &map, 0.5);
+        let rays: Vec<Ray> = (0..100)
+            .map(|i| {
+                let at = Vec3::new(
+                    0.2 * (i % 10) as f32 - 0.9,
+                    0.2 * (i / 10) as f32 - 0.9,
+                    0.0,
+                );
+                let from = Vec3::new(0.3, -0.2, -1.2);
+                Ray::new(from, at - from).expect("a direction")
+            })
+            .collect();
+        let rules = Rules {
+            transparency: [Transparency::Sdf; 2],
+            matte: 1.0,
+            sharpness: [60.0, 90.0],
+            compositing: CompositeConfig::default(),
+        };
+        let mut marcher = BatchMarcher::default();
+        let marched = marcher.march(
+            &rays,
+            Grids {
+                object: Some(&grids.object),
+                background: Some(&grids.background),
+            },
+            &MarchConfig {
+                step_object: 2.0 / 64.0,
+                background_samples: 32,
+                jitter: Jitter::Seeded(5),
+                ..MarchConfig::default()
+            },
+            grids.partition(&map, false),
+        );
+        let every_other = |ray: usize| ray % 2 == 1;
+        let (batch, look) = super::look(&fields[0], &fields[1], marched, rules, every_other);
+
+        let all = marched.samples();
+        let geometry = [
+            fields[0].geometry(&all.object.points),
+            fields[1].geometry(&all.background.points),
+        ];
+        let visibility = sample_visibility(
+            &rows::<{ object_column::COUNT }>(
+                &geometry[0],
+                Transparency::Sdf,
+                &all.object.directions,
+                |row| row[object_column::MATTE] = 1.0,
+            ),
+            &rows::<{ background_column::COUNT }>(
+                &geometry[1],
+                Transparency::Sdf,
+                &all.background.directions,
+                |_| {},
+            ),
+            rules.sharpness,
+            &all.packing,
+            rules.compositing,
+        );
+        let [object, background] = geometry;
+        let everything = Look {
+            object,
+            background,
+            visibility,
+        };
+        assert!(batch.object.len() < all.object.len());
+        assert!(batch.background.len() < all.background.len());
+        let of = |batch: &MarchedBatch, look: &Look| {
+            let object = look.object_reached();
+            let background =
+                look.background_reached(|i| every_other(batch.background.ray[i] as usize));
+            assert!(object.len() > 100 && background.len() > 100);
+            let kept = batch.keep(&object, &background);
+            let seen = (
+                select(&look.visibility.object, &object),
+                select(&look.visibility.background, &background),
+            );
+            let sdf = [
+                look.object.select(&object).values,
+                look.background.select(&background).values,
+            ];
+            (kept, seen, sdf)
+        };
+        let (found, seen, sdf) = of(&batch, &look);
+        let (expected, expected_seen, expected_sdf) = of(&all, &everything);
+        assert_eq!(found.packing, expected.packing);
+        assert_eq!(found.object.points, expected.object.points);
+        assert_eq!(found.object.ray, expected.object.ray);
+        assert_eq!(found.background.points, expected.background.points);
+        assert_eq!(found.background.directions, expected.background.directions);
+        assert_eq!(found.background.ray, expected.background.ray);
+        assert_eq!(seen, expected_seen);
+        assert_eq!(sdf, expected_sdf);
     }
 }

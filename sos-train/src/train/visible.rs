@@ -7,7 +7,7 @@ use burn::tensor::Device;
 use neus_render::composite::{self, CompositeConfig, MatteRole, SampleVisibility};
 use scene_decomp::{FrozenSurface, Geometry};
 
-use super::batch::MarchedBatch;
+use super::batch::{MarchedBatch, MarchedRays};
 use super::rounds::{self, Rules};
 use crate::config::{AlphaSource, TrainConfig, Transparency};
 
@@ -60,20 +60,19 @@ impl FrozenFields {
         }
     }
 
-    /// Looks at the geometry of all samples that light reaches: through both fields, or through the
-    /// background by itself on the rays where that is asked for `alone`. The others are as if they
-    /// were nothing that nobody sees.
+    /// Makes the samples of `marched` that light may reach and looks at their geometry: through both
+    /// fields, or through the background by itself on the rays where that is asked for `alone`.
     ///
     /// The alpha head is not asked: samples count as if it said 1, unless it is a factor of the
     /// opacity; then they all count as reached.
     #[must_use]
     pub fn look(
         &self,
-        marched: &MarchedBatch,
+        marched: MarchedRays<'_>,
         config: &TrainConfig,
         cos_anneal: f32,
         alone: impl Fn(usize) -> bool,
-    ) -> Look {
+    ) -> (MarchedBatch, Look) {
         let rules = Rules {
             transparency: [config.model.object_transparency(), config.model.background],
             matte: match config.model.alpha {

@@ -106,7 +106,8 @@ fn step(
     let batch = Sampler::new(data, config.seed, 0.5).draw(data, STEP, RAYS);
     let crop = config.prepare.crop_threshold;
     let grids = FieldGrids::new(32, &data.map, crop);
-    let mut marched = BatchMarcher::default().march(
+    let mut marcher = BatchMarcher::default();
+    let marched = marcher.march(
         &batch.rays,
         Grids {
             object: Some(&grids.object),
@@ -119,6 +120,7 @@ fn step(
         },
         grids.partition(&data.map, true),
     );
+    let mut marched = marched.samples();
     marched.background.look_up(&data.map);
     assert!(!marched.object.is_empty() && !marched.background.is_empty());
     let schedule = schedule::at(config, STEP, context.object_layout.levels.len());
