@@ -149,6 +149,8 @@ fn arguments(video: &Path, info: &VideoInfo, windows: &Windows) -> Vec<OsString>
         // Cameras of square pixels are what COLMAP's models begin with.
         filter.push_str(",scale=iw*sar:ih,setsar=1");
     }
+    // Of what has more than 8 bits, as HDR does, PPM would have 16.
+    filter.push_str(",format=rgb24");
     let mut words: Vec<OsString> = ["-hide_banner", "-nostdin", "-loglevel", "error", "-i"]
         .map(OsString::from)
         .into();
@@ -378,13 +380,13 @@ mod tests {
         };
         assert_eq!(
             line(&info),
-            "-hide_banner -nostdin -loglevel error -i file:-a:b.mp4 -map 0:V:0 -vf fps=10.000000 \
-             -f image2pipe -c:v ppm -"
+            "-hide_banner -nostdin -loglevel error -i file:-a:b.mp4 -map 0:V:0 -vf \
+             fps=10.000000,format=rgb24 -f image2pipe -c:v ppm -"
         );
         let wide = VideoInfo {
             pixel_aspect: 1.42,
             ..info
         };
-        assert!(line(&wide).contains("-vf fps=10.000000,scale=iw*sar:ih,setsar=1 -f"));
+        assert!(line(&wide).contains("-vf fps=10.000000,scale=iw*sar:ih,setsar=1,format=rgb24 -f"));
     }
 }

@@ -76,6 +76,23 @@ fn colmap_finds_the_poses_that_the_demo_was_rendered_from() {
     assert!(worst < 0.03, "{worst}");
 }
 
+/// Three seconds of a pattern that moves.
+const PATTERN: &str = "-f lavfi -i testsrc=size=320x240:rate=20 -t 3";
+
+/// Writes a video with the installed ffmpeg; says so where it cannot.
+fn made(dir: &Path, arguments: &str) -> bool {
+    let done = Command::new("ffmpeg")
+        .current_dir(dir)
+        .args(["-v", "error", "-nostdin"])
+        .args(arguments.split(' '))
+        .status();
+    let made = done.unwrap().success();
+    if !made {
+        eprintln!("skipped: this ffmpeg cannot write the video of the test");
+    }
+    made
+}
+
 #[test]
 fn frames_are_taken_from_a_real_video_turned_as_players_do() {
     let ffmpeg = Ffmpeg::find();
@@ -84,33 +101,8 @@ fn frames_are_taken_from_a_real_video_turned_as_players_do() {
     }
     let dir = tempfile::tempdir().unwrap();
     let (plain, turned) = (dir.path().join("plain.mp4"), dir.path().join("turned.mp4"));
-    let run = |arguments: &[&str]| {
-        let done = Command::new("ffmpeg")
-            .current_dir(dir.path())
-            .args(["-v", "error", "-nostdin"])
-            .args(arguments)
-            .status();
-        done.unwrap().success()
-    };
-    let made = run(&[
-        "-f",
-        "lavfi",
-        "-i",
-        "testsrc=size=320x240:rate=20",
-        "-t",
-        "3",
-        "plain.mp4",
-    ]) && run(&[
-        "-i",
-        "plain.mp4",
-        "-c",
-        "copy",
-        "-metadata:s:v:0",
-        "rotate=90",
-        "turned.mp4",
-    ]);
-    if !made {
-        eprintln!("skipped: this ffmpeg cannot write the video of the test");
+    let turn = "-i plain.mp4 -c copy -metadata:s:v:0 rotate=90 turned.mp4";
+    if !made(dir.path(), &format!("{PATTERN} plain.mp4")) || !made(dir.path(), turn) {
         return;
     }
     let ffmpeg = ffmpeg.unwrap();
@@ -132,4 +124,26 @@ fn frames_are_taken_from_a_real_video_turned_as_players_do() {
         assert_eq!((first.width(), first.height()), info.size);
     }
     assert_eq!(detect(&plain), Some(Source::Video(plain)));
+}
+
+#[test]
+fn frames_are_taken_from_a_video_of_ten_bits() {
+    let ffmpeg = Ffmpeg::find();
+    if !found("ffmpeg on a video of ten bits", ffmpeg.as_ref().err()) {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let deep = format!("{PATTERN} -pix_fmt yuv420p10le -c:v ffv1 deep.mkv");
+    if !made(dir.path(), &deep) {
+        return;
+    }
+    let frames = dir.path().join("frames");
+    std::fs::create_dir(&frames).unwrap();
+    let options = CaptureOptions::default().frames;
+    let video = dir.path().join("deep.mkv");
+    let taken = ffmpeg.unwrap().take_frames(&video, &frames, &options, &());
+    let taken = taken.unwrap();
+    assert!((10..=12).contains(&taken.frames), "{taken:?}");
+    let first = image::open(frames.join("frame_00001.jpg")).unwrap();
+    assert_eq!((first.width(), first.height()), (320, 240));
 }

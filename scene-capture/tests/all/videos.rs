@@ -59,7 +59,9 @@ fn the_sharpest_frames_become_photos() {
             "mapper"
         ]
     );
-    assert!(told[0].contains("my video.mp4 -map 0:V:0 -vf fps=8.000000 -f image2pipe"));
+    assert!(
+        told[0].contains("my video.mp4 -map 0:V:0 -vf fps=8.000000,format=rgb24 -f image2pipe")
+    );
     for frame in &frames {
         let picture = image::open(out.join("images").join(frame))
             .unwrap()
