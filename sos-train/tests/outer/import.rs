@@ -70,6 +70,27 @@ fn scene_with_transforms(dir: &Path) {
 }
 
 #[test]
+fn a_scene_may_be_written_into_the_folder_one_is_in() {
+    let dir = tempfile::tempdir().unwrap();
+    scene_with_transforms(&dir.path().join("fox"));
+    let here = dir.path().join("here");
+    fs::create_dir(&here).unwrap();
+    let output = sos(&here, &["import", "../fox", "--out", "."]);
+    assert_eq!(output.status.code(), Some(0), "{}", says(&output));
+    let mut names: Vec<_> = fs::read_dir(&here)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name())
+        .collect();
+    names.sort();
+    assert_eq!(names, ["images", "import.txt", "sparse"]);
+    refused(
+        &here,
+        &["import", "../fox", "--out", "."],
+        &["something in it already"],
+    );
+}
+
+#[test]
 fn import_says_what_it_does_and_writes_a_colmap_scene() {
     let dir = tempfile::tempdir().unwrap();
     scene_with_transforms(&dir.path().join("fox"));
