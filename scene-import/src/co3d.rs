@@ -8,7 +8,7 @@ use crate::error::ImportError;
 use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
 use crate::lens::Frame;
-use crate::photos::ByName;
+use crate::photos::{ByName, NO_PHOTO};
 use crate::pose;
 use flate2::read::MultiGzDecoder;
 use glam::{DMat3, DVec2, DVec3};
@@ -97,11 +97,14 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         let name = &frame.image.path;
         let photo = match &named {
             Some(photos) => photos.find(name).map(Path::to_path_buf),
-            None => find(category, name),
+            None => find(category, name).ok_or(NO_PHOTO),
         };
-        let Some(photo) = photo else {
-            gather.drop_view(name, "has no photo");
-            continue;
+        let photo = match photo {
+            Ok(photo) => photo,
+            Err(why) => {
+                gather.drop_view(name, why);
+                continue;
+            }
         };
         let Some(viewpoint) = &frame.viewpoint else {
             gather.drop_view(name, "has no pose");

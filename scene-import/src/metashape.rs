@@ -101,9 +101,12 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
             gather.drop_view(label, "belongs to another component than most");
             continue;
         }
-        let Some(photo) = photos.find(label) else {
-            gather.drop_view(label, "has no photo");
-            continue;
+        let photo = match photos.find(label) {
+            Ok(photo) => photo,
+            Err(why) => {
+                gather.drop_view(label, why);
+                continue;
+            }
         };
         let lens = match sensors.get(camera.attribute("sensor_id").unwrap_or_default()) {
             Some(Ok(lens)) => lens.clone(),

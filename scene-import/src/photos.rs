@@ -39,12 +39,18 @@ pub(crate) fn at_path(folder: &Path, stated: &str) -> Option<PathBuf> {
     })
 }
 
+/// Why a view has no photo, as the end of a sentence.
+type Missing = &'static str;
+
+pub(crate) const NO_PHOTO: Missing = "has no photo";
+const SEVERAL: Missing = "has several photos of that name";
+
 /// How to find the photos that a file names by their paths.
 #[derive(Debug)]
 pub(crate) enum Lookup<'a> {
     /// From this folder.
     From(&'a Path),
-    /// By name alone, in the folder that the user stated.
+    /// By name, in the folder that the user stated.
     Named(ByName),
 }
 
@@ -56,9 +62,9 @@ impl<'a> Lookup<'a> {
         })
     }
 
-    pub(crate) fn find(&self, path: &str) -> Option<PathBuf> {
+    pub(crate) fn find(&self, path: &str) -> Result<PathBuf, Missing> {
         match self {
-            Lookup::From(root) => at_path(root, path),
+            Lookup::From(root) => at_path(root, path).ok_or(NO_PHOTO),
             Lookup::Named(photos) => photos.find(path).map(Path::to_path_buf),
         }
     }
@@ -94,7 +100,8 @@ pub(crate) fn first_folder(root: &Path, stated: Option<&Path>, usual: &[&str]) -
 /// Photos by name, for files that do not say where they are.
 #[derive(Debug)]
 pub(crate) struct ByName {
-    /// By the whole name and by the stem, in small letters; `None` where two photos share it.
+    /// By the ends of their paths, with and without ending, in small letters: `left/a.jpg`, `left/a`, `a.jpg`, `a`.
+    /// `None` where two photos share it.
     paths: HashMap<String, Option<PathBuf>>,
 }
 
@@ -112,41 +119,50 @@ impl ByName {
         files.sort();
         let mut paths: HashMap<String, Option<PathBuf>> = HashMap::new();
         for path in files {
-            let name = path
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .to_lowercase();
-            let stem = path
-                .file_stem()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .to_lowercase();
-            let keys = if stem == name {
-                vec![name]
-            } else {
-                vec![name, stem]
-            };
-            for key in keys {
-                paths
-                    .entry(key)
-                    .and_modify(|known| *known = None)
-                    .or_insert_with(|| Some(path.clone()));
+            let below = path.strip_prefix(folder).unwrap_or(&path);
+            for end in ends(&below.to_string_lossy()) {
+                for key in with_and_without_ending(&end) {
+                    paths
+                        .entry(key.to_owned())
+                        .and_modify(|known| *known = None)
+                        .or_insert_with(|| Some(path.clone()));
+                }
             }
         }
         Ok(ByName { paths })
     }
 
-    /// The photo with this name, with or without ending, whatever the case.
-    pub(crate) fn find(&self, label: &str) -> Option<&Path> {
-        let label = label.replace('\\', "/").to_lowercase();
-        let name = label.rsplit('/').next().unwrap_or_default();
-        let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
-        // A label may have lost its ending or got another one by conversion.
-        [name, stem]
-            .iter()
-            .find_map(|key| self.paths.get(*key)?.as_deref())
+    /// The photo with this name, with or without ending, whatever the case. Folders before it decide between photos of
+    /// one name, the more of them the better; where none fits, as in a scene that was moved, the name does alone.
+    pub(crate) fn find(&self, label: &str) -> Result<&Path, Missing> {
+        for end in ends(label) {
+            // A label may have lost its ending or got another one by conversion.
+            let known = with_and_without_ending(&end).find_map(|key| self.paths.get(key));
+            if let Some(photo) = known {
+                // With fewer folders there would be even more of them.
+                return photo.as_deref().ok_or(SEVERAL);
+            }
+        }
+        Err(NO_PHOTO)
     }
+}
+
+/// The ends of a path in small letters, from all of it to its name alone.
+fn ends(path: &str) -> Vec<String> {
+    let path = path.replace('\\', "/").to_lowercase();
+    let parts: Vec<&str> = path
+        .split('/')
+        .filter(|part| !part.is_empty() && *part != ".")
+        .collect();
+    (parts.len().saturating_sub(MAX_DEPTH + 1)..parts.len())
+        .map(|from| parts[from..].join("/"))
+        .collect()
+}
+
+fn with_and_without_ending(end: &str) -> impl Iterator<Item = &str> {
+    let parted = end.rsplit_once('.');
+    let stem = parted.filter(|(_, ending)| !ending.contains('/'));
+    std::iter::once(end).chain(stem.map(|(stem, _)| stem))
 }
 
 fn list(folder: &Path, depth: usize, out: &mut Vec<PathBuf>) -> std::io::Result<()> {
@@ -201,8 +217,8 @@ mod tests {
         }
         let names = ByName::below(dir.path(), None).unwrap();
         for label in ["r_0", "R_0.png", "r_0.jpg", "x/r_0.tif"] {
-            assert_eq!(names.find(label), Some(&*photo), "{label}");
+            assert_eq!(names.find(label), Ok(&*photo), "{label}");
         }
-        assert_eq!(names.find("r_1"), None);
+        assert_eq!(names.find("r_1"), Err(NO_PHOTO));
     }
 }

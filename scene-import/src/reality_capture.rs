@@ -67,9 +67,12 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         let bad = |what: String| ImportError::line(path, line, what, "correct or remove the line");
         let text = |name: &str| header.get(name).and_then(|&i| record.get(i));
         let name = text("name").unwrap_or_default();
-        let Some(photo) = photos.find(name) else {
-            gather.drop_view(name, "has no photo");
-            continue;
+        let photo = match photos.find(name) {
+            Ok(photo) => photo,
+            Err(why) => {
+                gather.drop_view(name, why);
+                continue;
+            }
         };
         let value = |name: &str| match text(name) {
             // Distortion and principal point may be left out of the export.

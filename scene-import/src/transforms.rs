@@ -118,9 +118,12 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
     let photos = Lookup::new(&detected.root, images)?;
     let mut masks = 0;
     for (i, frame) in file.frames.iter().enumerate() {
-        let Some(photo) = photos.find(&frame.file_path) else {
-            gather.drop_view(&frame.file_path, "has no photo");
-            continue;
+        let photo = match photos.find(&frame.file_path) {
+            Ok(photo) => photo,
+            Err(why) => {
+                gather.drop_view(&frame.file_path, why);
+                continue;
+            }
         };
         let bad = |what: String| {
             ImportError::bad(

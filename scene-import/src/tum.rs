@@ -66,9 +66,12 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
                 "correct or remove the line",
             ));
         };
-        let Some(photo) = photos.find(name) else {
-            gather.drop_view(name, "has no photo");
-            continue;
+        let photo = match photos.find(name) {
+            Ok(photo) => photo,
+            Err(why) => {
+                gather.drop_view(name, why);
+                continue;
+            }
         };
         let Some(camera_from_world) = pose_at(&samples, time) else {
             gather.drop_view(name, "has no pose near its time");

@@ -84,6 +84,38 @@ fn photos_in_several_folders_keep_them() {
 }
 
 #[test]
+fn stated_folders_decide_between_photos_of_one_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let (scene, photos) = (dir.path().join("scene"), dir.path().join("photos"));
+    fixtures::transforms(&scene, |file| {
+        let stated = [
+            "C:\\work\\rig\\left\\a.png",
+            "/work/rig/Right/a",
+            "a.png",
+            "gone/b.png",
+        ];
+        for (i, path) in stated.into_iter().enumerate() {
+            file["frames"][i]["file_path"] = path.into();
+        }
+    });
+    for name in ["rig/left/a.png", "rig/right/a.png", "rig/b.png"] {
+        crate::rig::write_photo(&photos.join(name), WIDTH, HEIGHT);
+    }
+    let imported = read(&detect(&scene, None).unwrap(), Some(&photos)).unwrap();
+    let names: Vec<&str> = imported
+        .model
+        .views
+        .iter()
+        .map(|v| v.name.as_str())
+        .collect();
+    assert_eq!(names, ["b.png", "left/a.png", "right/a.png"]);
+    assert_eq!(
+        imported.dropped_sentences(),
+        ["left out: a.png has several photos of that name"]
+    );
+}
+
+#[test]
 fn photos_that_must_be_turned_are() {
     let dir = tempfile::tempdir().unwrap();
     let scene = dir.path().join("scene");
