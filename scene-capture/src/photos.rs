@@ -1,6 +1,7 @@
 //! Which photos there are, and which of them one camera took with one focal length.
 
 use crate::error::CaptureError;
+use crate::listing::Listing;
 use exif::{In, Tag};
 use image::metadata::Orientation;
 use io_colmap::PhotoHeader;
@@ -69,8 +70,9 @@ impl PhotoSet {
             ));
         }
         let mut notes = Vec::new();
-        let (root, files) = photo_files(folder, &mut notes)?;
-        let found: Vec<Result<Photo, (String, String)>> = files
+        let (root, mut listing) = photo_files(folder, &mut notes)?;
+        notes.extend(listing.notes());
+        let found: Vec<Result<Photo, (String, String)>> = std::mem::take(&mut listing.names)
             .into_par_iter()
             .map(|name| look(&root, name))
             .collect();
@@ -89,7 +91,7 @@ impl PhotoSet {
             ));
         }
         if photos.len() < FEWEST {
-            return Err(too_few(&root, photos.len()));
+            return Err(too_few(&root, photos.len(), &listing));
         }
         Ok(PhotoSet {
             root,
@@ -123,107 +125,84 @@ impl PhotoSet {
 
 /// Whether [`PhotoSet::find`] would find any photo, or knows what to do about those it cannot read.
 pub(crate) fn has_photos(folder: &Path) -> bool {
-    photo_files(folder, &mut Vec::new()).is_ok_and(|(_, files)| !files.is_empty())
-        || !heif_files(folder).is_empty()
+    photo_files(folder, &mut Vec::new())
+        .is_ok_and(|(_, listing)| listing.count() > 0 || !listing.closed.is_empty())
+        || heif_files(folder) > 0
 }
 
-/// Photos of phones that have to be converted first.
-fn heif_files(folder: &Path) -> Vec<String> {
-    let mut files = Vec::new();
+/// How many photos of phones there are that have to be converted first.
+fn heif_files(folder: &Path) -> usize {
     // A folder that cannot be listed has its error elsewhere.
-    let _ = list(folder, "", 0, &HEIF_ENDINGS, &mut files);
-    files
+    Listing::of(folder, 0, &HEIF_ENDINGS).map_or(0, |listing| listing.count())
 }
 
-fn too_few(root: &Path, count: usize) -> CaptureError {
-    let heif = heif_files(root);
+/// `listing` without the names of the `count` photos.
+fn too_few(root: &Path, count: usize, listing: &Listing) -> CaptureError {
     let what = if count == 0 {
         "it holds no photos (JPEG, PNG, WebP or TIFF)".to_owned()
     } else {
         format!("it holds only {count} photos")
     };
-    if heif.is_empty() {
-        let remedy =
-            format!("give a folder of at least {FEWEST} photos, better 30, all around the object");
-        CaptureError::bad(root, what, remedy)
-    } else {
-        CaptureError::bad(
-            root,
-            format!("{what}, and {} HEIC or AVIF files", heif.len()),
-            "convert those to JPEG first, which a phone also does when it is set to most compatible",
+    let heif = heif_files(root);
+    let (what, remedy) = if !listing.unnamed.is_empty() {
+        (
+            format!(
+                "{what}, and {} whose names are not Unicode",
+                listing.unnamed.len()
+            ),
+            "rename those, or the folders they are in".to_owned(),
         )
-    }
+    } else if heif > 0 {
+        (
+            format!("{what}, and {heif} HEIC or AVIF files"),
+            "convert those to JPEG first, which a phone also does when it is set to most compatible".to_owned(),
+        )
+    } else if let Some((folder, error)) = listing.closed.first() {
+        (
+            format!(
+                "{what}, and its sub-folder {} cannot be read ({error})",
+                folder.display()
+            ),
+            io_colmap::remedy(error).to_owned(),
+        )
+    } else {
+        (
+            what,
+            format!("give a folder of at least {FEWEST} photos, better 30, all around the object"),
+        )
+    };
+    CaptureError::bad(root, what, remedy)
 }
 
-/// The folder that the photos are in, and their names below it.
-fn photo_files(
-    folder: &Path,
-    notes: &mut Vec<String>,
-) -> Result<(PathBuf, Vec<String>), CaptureError> {
+/// The folder that the photos are in, and what is in it.
+fn photo_files(folder: &Path, notes: &mut Vec<String>) -> Result<(PathBuf, Listing), CaptureError> {
     for name in PHOTO_FOLDERS {
         let inner = folder.join(name);
         if inner.is_dir() {
-            let files = photos_below(&inner, MAX_DEPTH)?;
-            if !files.is_empty() {
-                return Ok((inner, files));
+            // One that cannot be read is named with the other sub-folders.
+            let listing = Listing::of(&inner, MAX_DEPTH, &PHOTO_ENDINGS).unwrap_or_default();
+            if listing.count() > 0 {
+                return Ok((inner, listing));
             }
         }
     }
-    let all = photos_below(folder, MAX_DEPTH)?;
-    let direct: Vec<String> = all.iter().filter(|n| !n.contains('/')).cloned().collect();
-    if direct.is_empty() {
-        return Ok((folder.to_path_buf(), all));
+    let mut all = Listing::of(folder, MAX_DEPTH, &PHOTO_ENDINGS)?;
+    let found = all.names.len();
+    let is_direct = |name: &String| !name.contains('/');
+    let is_unnamed_direct = |path: &PathBuf| path.parent() == Some(folder);
+    if all.names.iter().any(is_direct) || all.unnamed.iter().any(is_unnamed_direct) {
+        all.names.retain(is_direct);
+        all.unnamed.retain(is_unnamed_direct);
     }
-    if direct.len() < all.len() {
+    if all.names.len() < found {
         notes.push(format!(
             "{} photos in sub-folders of {} are left out; the {} in it are taken",
-            all.len() - direct.len(),
+            found - all.names.len(),
             folder.display(),
-            direct.len()
+            all.names.len()
         ));
     }
-    Ok((folder.to_path_buf(), direct))
-}
-
-fn photos_below(folder: &Path, depth: usize) -> Result<Vec<String>, CaptureError> {
-    let mut files = Vec::new();
-    list(folder, "", depth, &PHOTO_ENDINGS, &mut files)?;
-    files.sort();
-    Ok(files)
-}
-
-fn list(
-    folder: &Path,
-    prefix: &str,
-    depth: usize,
-    endings: &[&str],
-    out: &mut Vec<String>,
-) -> Result<(), CaptureError> {
-    let failed = |e| CaptureError::io("list", folder, e);
-    for entry in std::fs::read_dir(folder).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        let Some(name) = path.file_name().and_then(|name| name.to_str()) else {
-            return Err(CaptureError::bad(
-                &path,
-                "the name is not Unicode",
-                "rename the file",
-            ));
-        };
-        if name.starts_with('.') {
-            continue;
-        }
-        if path.is_dir() {
-            // Masks bear the names of photos.
-            if depth > 0 && !name.to_lowercase().contains("mask") {
-                list(&path, &format!("{prefix}{name}/"), depth - 1, endings, out)?;
-            }
-        } else if let Some((_, ending)) = name.rsplit_once('.')
-            && endings.contains(&&*ending.to_ascii_lowercase())
-        {
-            out.push(format!("{prefix}{name}"));
-        }
-    }
-    Ok(())
+    Ok((folder.to_path_buf(), all))
 }
 
 /// Reads a photo's header and its EXIF; otherwise the name and why not.
@@ -337,6 +316,73 @@ mod tests {
         let set = PhotoSet::find(dir.path()).unwrap();
         assert_eq!(set.photos.len(), 3);
         assert!(set.notes[0].contains("d.jpg"), "{:?}", set.notes);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn only_photos_need_names_in_unicode() {
+        use std::ffi::OsStr;
+        use std::os::unix::ffi::OsStrExt as _;
+        let dir = tempfile::tempdir().unwrap();
+        let odd = |name: &[u8]| dir.path().join(OsStr::from_bytes(name));
+        let Ok(()) = std::fs::write(odd(b"notes \xe9.txt"), "") else {
+            eprintln!("skipped: this disk has no names that are not Unicode");
+            return;
+        };
+        std::fs::create_dir(odd(b"raw \xe9")).unwrap();
+        for name in ["a.png", "b.png", "c.png"] {
+            photo(&dir.path().join(name), 8);
+        }
+        let set = PhotoSet::find(dir.path()).unwrap();
+        assert_eq!(names(&set), ["a.png", "b.png", "c.png"]);
+        assert!(set.notes.is_empty(), "{:?}", set.notes);
+
+        std::fs::copy(odd(b"a.png"), odd(b"d \xe9.png")).unwrap();
+        std::fs::copy(odd(b"a.png"), odd(b"raw \xe9/e.png")).unwrap();
+        let set = PhotoSet::find(dir.path()).unwrap();
+        assert_eq!(set.photos.len(), 3);
+        assert!(
+            set.notes[0].starts_with("1 photos whose names are not Unicode are left out, such as "),
+            "{:?}",
+            set.notes
+        );
+
+        for name in ["a.png", "b.png", "c.png"] {
+            std::fs::remove_file(dir.path().join(name)).unwrap();
+        }
+        assert!(has_photos(dir.path()));
+        let said = PhotoSet::find(dir.path()).unwrap_err().to_string();
+        assert!(
+            said.contains("it holds no photos (JPEG, PNG, WebP or TIFF), and 1 whose names are not Unicode; rename"),
+            "{said}"
+        );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_closed_sub_folder_is_left_out_and_named() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let dir = tempfile::tempdir().unwrap();
+        let closed = dir.path().join("images");
+        std::fs::create_dir(&closed).unwrap();
+        std::fs::set_permissions(&closed, std::fs::Permissions::from_mode(0o000)).unwrap();
+        if std::fs::read_dir(&closed).is_ok() {
+            eprintln!("skipped: this user may read every folder");
+            return;
+        }
+        assert!(has_photos(dir.path()));
+        let said = PhotoSet::find(dir.path()).unwrap_err().to_string();
+        assert!(said.contains("images cannot be read ("), "{said}");
+        for name in ["a.png", "b.png", "c.png"] {
+            photo(&dir.path().join(name), 8);
+        }
+        let set = PhotoSet::find(dir.path()).unwrap();
+        assert_eq!(names(&set), ["a.png", "b.png", "c.png"]);
+        assert!(
+            set.notes[0].contains("images cannot be read and is left out ("),
+            "{:?}",
+            set.notes
+        );
     }
 
     #[test]
