@@ -70,7 +70,7 @@ mod text;
 pub use camera::Camera;
 pub use camera_model::CameraModel;
 pub use error::{ColmapError, Place, picture_error, remedy};
-pub use masks::{GreyImage, MaskFiles, MaskSet};
+pub use masks::{GreyImage, MaskFiles, MaskSet, read_mask};
 pub use model::{Model, Observation, SparsePoint, View, read_observations};
 pub use photo::{PICTURE_ENDINGS, PhotoHeader, is_picture, read_photo};
 pub use polarity::Polarity;

@@ -351,8 +351,13 @@ fn stretch_labels(mask: &mut GreyImage) {
         .for_each(|value| *value = value.saturating_mul(255));
 }
 
-/// Any picture as one channel: its alpha where that says something, else its luma.
-fn read_mask(path: &Path) -> Result<GreyImage, ColmapError> {
+/// A mask file as it is, whatever its polarity: its alpha where that says something, else its brightness.
+///
+/// What was stored in 16 bits without rescaling, such as the labels 0 and 1, keeps its values.
+///
+/// # Errors
+/// [`ColmapError`] if the file cannot be read or decoded.
+pub fn read_mask(path: &Path) -> Result<GreyImage, ColmapError> {
     let decoded = image::ImageReader::open(path)
         .and_then(image::ImageReader::with_guessed_format)
         .map_err(|e| ColmapError::io("read", path, e))?

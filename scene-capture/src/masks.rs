@@ -3,8 +3,8 @@
 use crate::error::CaptureError;
 use crate::photos::{Photo, PhotoSet};
 use image::metadata::Orientation;
-use image::{DynamicImage, GrayImage, ImageReader, Luma};
-use io_colmap::{MaskFiles, Model, Pose, Scene, View};
+use image::{DynamicImage, GrayImage, Luma};
+use io_colmap::{MaskFiles, Model, Pose, Scene, View, read_mask};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -29,11 +29,11 @@ pub(crate) fn write(
         ));
     }
     let files = MaskFiles::find(masks, &named_views(photos))?;
-    photos
+    let black = photos
         .photos
         .par_iter()
         .zip(&files.paths)
-        .try_for_each(|(photo, path)| {
+        .map(|(photo, path)| {
             let mask = match path {
                 Some(path) => read(path, photo)?,
                 None => GrayImage::from_pixel(photo.size.0, photo.size.1, Luma([255])),
@@ -44,14 +44,28 @@ pub(crate) fn write(
                     .map_err(|e| CaptureError::io("create", folder, e))?;
             }
             mask.save(&to)
-                .map_err(|e| CaptureError::io("write", &to, io_colmap::picture_error(e)))
-        })?;
+                .map_err(|e| CaptureError::io("write", &to, io_colmap::picture_error(e)))?;
+            Ok(usize::from(mask.iter().all(|value| *value == 0)))
+        })
+        .sum::<Result<usize, CaptureError>>()?;
     let count = files.paths.iter().flatten().count();
+    if black == count {
+        return Err(CaptureError::bad(
+            masks,
+            format!("the {count} masks found are all black, so they leave nothing to look at"),
+            "check how they were exported, or capture without masks",
+        ));
+    }
     let mut notes = vec![format!(
         "features are looked for where masks are not black; {count} of {} photos have one ({})",
         photos.photos.len(),
         files.how
     )];
+    if black > 0 {
+        notes.push(format!(
+            "{black} masks are all black: nothing is looked for in their photos"
+        ));
+    }
     notes.extend(files.notes);
     Ok(notes)
 }
@@ -79,19 +93,7 @@ fn named_views(photos: &PhotoSet) -> Scene {
 /// stored is turned like the photo.
 fn read(path: &Path, photo: &Photo) -> Result<GrayImage, CaptureError> {
     let size = photo.size;
-    let unreadable = |why: String| {
-        CaptureError::bad(
-            path,
-            format!("the mask cannot be read ({why})"),
-            "write it again as PNG, or take it away",
-        )
-    };
-    let picture = ImageReader::open(path)
-        .and_then(ImageReader::with_guessed_format)
-        .map_err(|e| CaptureError::io("read", path, e))?
-        .decode()
-        .map_err(|e| unreadable(e.to_string()))?;
-    let mut mask = picture.into_luma8();
+    let mut mask = read_mask(path)?;
     if !is_shaped(&mask, size) && photo.orientation != Orientation::NoTransforms {
         let mut turned = DynamicImage::ImageLuma8(mask);
         turned.apply_orientation(photo.orientation);
@@ -131,7 +133,7 @@ fn is_shaped(mask: &GrayImage, size: (u32, u32)) -> bool {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use image::RgbImage;
+    use image::{ImageBuffer, RgbImage, Rgba, RgbaImage};
 
     #[test]
     fn every_photo_gets_a_mask_that_colmap_understands() {
@@ -157,6 +159,7 @@ mod tests {
         let set = PhotoSet::find(&photos).unwrap();
         let notes = write(&masks, &set, &out).unwrap();
         assert!(notes[0].contains("2 of 3 photos"), "{notes:?}");
+        assert!(notes[1].contains("1 masks are all black"), "{notes:?}");
         let whites = |name: &str| {
             let mask = image::open(out.join(name)).unwrap().into_luma8();
             assert_eq!(mask.dimensions(), (16, 8));
@@ -174,8 +177,64 @@ mod tests {
         );
         std::fs::write(masks.join("c.png"), "no mask").unwrap();
         let said = write(&masks, &set, &out).unwrap_err().to_string();
-        assert!(said.contains("c.png: the mask cannot be read"), "{said}");
+        assert!(said.contains("c.png: the mask cannot be decoded"), "{said}");
         let said = write(&dir.path().join("x"), &set, &out).unwrap_err();
         assert!(said.to_string().contains("no such folder"));
+    }
+
+    #[test]
+    fn masks_are_read_as_training_reads_them() {
+        let dir = tempfile::tempdir().unwrap();
+        let (photos, masks, out) = (
+            dir.path().join("photos"),
+            dir.path().join("m"),
+            dir.path().join("out"),
+        );
+        for folder in [&photos, &masks, &out] {
+            std::fs::create_dir(folder).unwrap();
+        }
+        for name in ["a.png", "b.png", "c.png"] {
+            RgbImage::new(16, 8).save(photos.join(name)).unwrap();
+        }
+        let inside = |x: u32| x < 4;
+        // A cut-out of something dark before something bright; the labels 0 and 1 in 16 bits.
+        let cut_out = RgbaImage::from_fn(16, 8, |x, _| match inside(x) {
+            true => Rgba([10, 10, 10, 255]),
+            false => Rgba([250, 250, 250, 0]),
+        });
+        cut_out.save(masks.join("a.png")).unwrap();
+        let labels = ImageBuffer::from_fn(16, 8, |x, _| Luma([u16::from(inside(x))]));
+        labels.save(masks.join("b.png")).unwrap();
+        let set = PhotoSet::find(&photos).unwrap();
+        write(&masks, &set, &out).unwrap();
+        for name in ["a.png.png", "b.png.png"] {
+            let mask = image::open(out.join(name)).unwrap().into_luma8();
+            let expected =
+                GrayImage::from_fn(16, 8, |x, _| Luma([if inside(x) { 255 } else { 0 }]));
+            assert!(mask == expected, "{name}");
+        }
+    }
+
+    #[test]
+    fn masks_that_leave_nothing_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let (photos, masks) = (dir.path().join("photos"), dir.path().join("m"));
+        for folder in [&photos, &masks] {
+            std::fs::create_dir(folder).unwrap();
+        }
+        for name in ["a.png", "b.png", "c.png"] {
+            RgbImage::new(16, 8).save(photos.join(name)).unwrap();
+        }
+        for name in ["a.png", "b.png"] {
+            GrayImage::new(16, 8).save(masks.join(name)).unwrap();
+        }
+        let set = PhotoSet::find(&photos).unwrap();
+        let said = write(&masks, &set, dir.path()).unwrap_err().to_string();
+        assert!(
+            said.contains(
+                "m: the 2 masks found are all black, so they leave nothing to look at; check how"
+            ),
+            "{said}"
+        );
     }
 }

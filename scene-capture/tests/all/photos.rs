@@ -93,7 +93,9 @@ fn photos_are_turned_as_viewers_show_them() {
     shop.model(0, 0, &["a.jpg", "c.jpg", "d.jpg"]);
     let masks = shop.path("m");
     fs::create_dir(&masks).unwrap();
-    GrayImage::new(64, 48).save(masks.join("b.png")).unwrap();
+    GrayImage::from_pixel(64, 48, image::Luma([255]))
+        .save(masks.join("b.png"))
+        .unwrap();
     let captured = capture(
         &Source::Photos(photos.clone()),
         &shop.path("scene"),
@@ -150,7 +152,7 @@ fn masks_are_handed_on_and_few_poses_warned_of() {
     let shop = Workshop::new();
     let photos = shop.photos(&["a.jpg", "b.jpg", "c.jpg", "d.jpg", "e.jpg", "f.jpg"]);
     fs::create_dir(photos.join("masks")).unwrap();
-    GrayImage::new(64, 48)
+    GrayImage::from_pixel(64, 48, image::Luma([255]))
         .save(photos.join("masks/a.png"))
         .unwrap();
     shop.model(0, 0, &NAMES[..3]);
