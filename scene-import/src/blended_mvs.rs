@@ -6,10 +6,10 @@ use crate::error::{ImportError, load_text};
 use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
 use crate::lens::Frame;
-use crate::photos::stored_size;
+use crate::photos::{at_path, stored_size};
 use crate::pose;
 use glam::{DVec2, DVec3};
-use io_colmap::{PICTURE_ENDINGS, Pose};
+use io_colmap::Pose;
 use std::path::{Path, PathBuf};
 
 /// Where photos are; the masked ones beside them are not what a camera saw.
@@ -82,12 +82,7 @@ fn photo(root: &Path, stated: Option<&Path>, name: &str) -> Option<PathBuf> {
         Some(folder) => vec![folder.to_path_buf()],
         None => FOLDERS.iter().map(|folder| root.join(folder)).collect(),
     };
-    folders.iter().find_map(|folder| {
-        PICTURE_ENDINGS
-            .iter()
-            .map(|ending| folder.join(format!("{name}.{ending}")))
-            .find(|path| path.is_file())
-    })
+    folders.iter().find_map(|folder| at_path(folder, name))
 }
 
 fn parse(text: &str) -> Result<(Pose, DVec2, DVec2, f64), String> {
