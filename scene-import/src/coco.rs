@@ -1,6 +1,6 @@
 //! COCO's JSON: outlines as polygons or run lengths, for pictures named in the same file.
 
-use crate::error::{ImportError, load};
+use crate::error::{ImportError, load_text};
 use crate::gather::same_shape;
 use crate::{polygon, run_lengths};
 use image::{GrayImage, Luma};
@@ -76,7 +76,7 @@ pub(crate) fn draw(
     photos: &[Wanted<'_>],
 ) -> Result<Drawn, ImportError> {
     let file: File =
-        serde_json::from_slice(&load(path)?).map_err(|e| ImportError::json(path, &e))?;
+        serde_json::from_str(&load_text(path)?).map_err(|e| ImportError::json(path, &e))?;
     let mut notes = Vec::new();
     let (chosen, sentence) = choose(&file, label, path)?;
     notes.extend(sentence);

@@ -3,7 +3,7 @@
 //! Poses take camera space with OpenGL's axes (x right, y up, z backward) to the world. Intrinsics
 //! stand at the top, in each frame, or both; the frame's win.
 
-use crate::error::{ImportError, load};
+use crate::error::{ImportError, load_text};
 use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
 use crate::lens::Frame as LensFrame;
@@ -106,7 +106,7 @@ struct Applied {
 pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Imported, ImportError> {
     let path = &detected.source;
     let file: File =
-        serde_json::from_slice(&load(path)?).map_err(|e| ImportError::json(path, &e))?;
+        serde_json::from_str(&load_text(path)?).map_err(|e| ImportError::json(path, &e))?;
     let mut gather = Gather::default();
     let applied = applied(&file, path)?;
     if applied.is_some() {

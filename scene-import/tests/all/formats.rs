@@ -289,6 +289,23 @@ fn blended_mvs_text_files() {
 }
 
 #[test]
+fn json_may_begin_with_a_byte_order_mark() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::transforms(dir.path(), |_| {});
+    let path = dir.path().join("transforms.json");
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, format!("\u{feff}{text}")).unwrap();
+    let imported = import(dir.path(), Format::Transforms).unwrap();
+    assert_sees(&imported.model, &eyes(), EXACT, |_, p| pinhole(p));
+    fs::write(&path, "\u{feff}{\n\"frames\": [],\n\"w\": }").unwrap();
+    let error = import(dir.path(), Format::Transforms).unwrap_err();
+    assert!(
+        error.to_string().contains("transforms.json, line 3: "),
+        "{error}"
+    );
+}
+
+#[test]
 fn co3d_in_both_conventions_by_sequence_or_category() {
     for intrinsics in [None, Some("ndc_norm_image_bounds"), Some("ndc_isotropic")] {
         let dir = tempfile::tempdir().unwrap();

@@ -203,6 +203,21 @@ fn coco_polygons_and_run_lengths_are_drawn() {
 pub(crate) const PACKED: &str = "ZX1X1h00000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000fc1";
 
 #[test]
+fn coco_files_may_begin_with_a_byte_order_mark() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::transforms(dir.path(), |_| {});
+    let content = json!({
+        "images": [{"id": 1, "file_name": "0001.png", "width": 96, "height": 64}],
+        "annotations": [{"image_id": 1, "segmentation": [[20, 10, 70, 10, 70, 50, 20, 50]]}],
+    });
+    let file = dir.path().join("coco.json");
+    fs::write(&file, format!("\u{feff}{content}")).unwrap();
+    let (written, out) = import(dir.path(), &from(&file)).unwrap();
+    assert_eq!(written.masks, 1);
+    assert_written(&out, &["0001"]);
+}
+
+#[test]
 fn coco_files_for_other_photos_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     fixtures::transforms(dir.path(), |_| {});
