@@ -89,8 +89,8 @@ fn stated_folders_decide_between_photos_of_one_name() {
     let (scene, photos) = (dir.path().join("scene"), dir.path().join("photos"));
     fixtures::transforms(&scene, |file| {
         let stated = [
-            "C:\\work\\rig\\left\\a.png",
-            "/work/rig/Right/a",
+            "C:\\photos\\rig\\left\\a.png",
+            "/home/x/rig/Right/a",
             "a.png",
             "gone/b.png",
         ];
