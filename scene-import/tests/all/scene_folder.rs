@@ -3,7 +3,7 @@
 use crate::fixtures::{self, import};
 use crate::rig::{HEIGHT, WIDTH, assert_sees, eyes, pinhole};
 use io_colmap::Scene;
-use scene_import::{Format, MaskOptions, detect, read};
+use scene_import::{Format, Imported, MaskOptions, detect, read};
 use serde_json::json;
 use std::fs;
 
@@ -71,16 +71,18 @@ fn photos_in_several_folders_keep_them() {
         crate::rig::write_photo(&scene.join(format!("images/{side}/a.png")), WIDTH, HEIGHT);
     }
     let imported = import(&scene, Format::Transforms).unwrap();
-    let names: Vec<&str> = imported
-        .model
-        .views
-        .iter()
-        .map(|v| v.name.as_str())
-        .collect();
-    assert_eq!(names, ["0003.png", "0004.png", "left/a.png", "right/a.png"]);
+    assert_eq!(
+        names(&imported),
+        ["0003.png", "0004.png", "left/a.png", "right/a.png"]
+    );
     let out = dir.path().join("out");
     imported.write(&out, &MaskOptions::default()).unwrap();
     assert!(out.join("images/right/a.png").is_file());
+}
+
+fn names(imported: &Imported) -> Vec<&str> {
+    let views = imported.model.views.iter();
+    views.map(|view| view.name.as_str()).collect()
 }
 
 #[test]
@@ -102,13 +104,7 @@ fn stated_folders_decide_between_photos_of_one_name() {
         crate::rig::write_photo(&photos.join(name), WIDTH, HEIGHT);
     }
     let imported = read(&detect(&scene, None).unwrap(), Some(&photos)).unwrap();
-    let names: Vec<&str> = imported
-        .model
-        .views
-        .iter()
-        .map(|v| v.name.as_str())
-        .collect();
-    assert_eq!(names, ["b.png", "left/a.png", "right/a.png"]);
+    assert_eq!(names(&imported), ["b.png", "left/a.png", "right/a.png"]);
     assert_eq!(
         imported.dropped_sentences(),
         ["left out: a.png has several photos of that name"]

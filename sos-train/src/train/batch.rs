@@ -207,11 +207,7 @@ impl BatchMarcher {
         partition: Partition<'a>,
     ) -> MarchedRays<'a> {
         self.marcher.march(rays, grids, config, &mut self.intervals);
-        MarchedRays {
-            rays,
-            intervals: &self.intervals,
-            partition,
-        }
+        self.along(rays, partition)
     }
 
     /// The same without the background behind each ray's last interval of the object's, which no
@@ -223,7 +219,7 @@ impl BatchMarcher {
         config: &MarchConfig,
         partition: Partition<'a>,
     ) -> MarchedRays<'a> {
-        self.marcher.march(rays, grids, config, &mut self.intervals);
+        self.march(rays, grids, config, partition);
         let Intervals {
             ray_offsets,
             object,
@@ -236,6 +232,10 @@ impl BatchMarcher {
             let behind = last.map_or(range.start, |last| range.start + last + 1);
             background[behind..range.end].fill(false);
         }
+        self.along(rays, partition)
+    }
+
+    fn along<'a>(&'a self, rays: &'a [Ray], partition: Partition<'a>) -> MarchedRays<'a> {
         MarchedRays {
             rays,
             intervals: &self.intervals,
