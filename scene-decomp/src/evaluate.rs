@@ -8,7 +8,7 @@ use hashgrid::GridLayout;
 
 use crate::colour_field::{ColourFieldInputs, ColourFieldWeights, colour_field};
 use crate::directions::colour_extra;
-use crate::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, sdf_field};
+use crate::sdf_field::{Forward, Normal, SdfFieldConfig, SdfFieldWeights, Tape, sdf_field};
 use crate::surface::Surface;
 
 /// A surface that answers for plain lists of points, without autodiff.
@@ -153,6 +153,21 @@ impl FrozenSurface {
     /// [`FrozenSurface::geometry`] of points that are handed over.
     #[must_use]
     pub fn geometry_of(&self, points: Vec<f32>) -> Geometry {
+        self.geometry_with(points, self.config.clone())
+    }
+
+    /// The same, with what a backward pass needs written down on `tape`, by one thread. The tape stays empty
+    /// where a GPU computes.
+    #[must_use]
+    pub fn geometry_taped(&self, points: Vec<f32>, tape: &Tape) -> Geometry {
+        let config = SdfFieldConfig {
+            forward: Forward::Taped(tape.clone()),
+            ..self.config.clone()
+        };
+        self.geometry_with(points, config)
+    }
+
+    fn geometry_with(&self, points: Vec<f32>, config: SdfFieldConfig) -> Geometry {
         let columns = self.columns();
         if points.is_empty() {
             return Geometry {
@@ -160,7 +175,7 @@ impl FrozenSurface {
                 columns,
             };
         }
-        let out = sdf_field(self.rows(points, 3), self.sdf.clone(), self.config.clone());
+        let out = sdf_field(self.rows(points, 3), self.sdf.clone(), config);
         Geometry {
             values: values(out),
             columns,

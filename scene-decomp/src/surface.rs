@@ -13,7 +13,7 @@ use crate::colour_field::{
 };
 use crate::dense::{Dense, Random};
 use crate::directions::{colour_extra, harmonics};
-use crate::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, sdf_field};
+use crate::sdf_field::{Forward, Normal, SdfFieldConfig, SdfFieldWeights, sdf_field};
 
 /// The sign of the sphere that a field starts from.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -166,6 +166,7 @@ impl Surface {
             beta: self.beta,
             normal: self.normal(),
             sparse,
+            forward: Forward::Alone,
         }
     }
 

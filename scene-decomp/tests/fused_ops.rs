@@ -10,7 +10,7 @@ use burn::module::Module;
 use burn::tensor::{Device, TensorData};
 use hashgrid::{GridConfig, GridLayout};
 use scene_decomp::colour_field::{self, ColourFieldInputs, Reading, RowConfig};
-use scene_decomp::sdf_field;
+use scene_decomp::sdf_field::{self, Forward, SdfFieldConfig, SdfFieldWeights, Tape, TapedRows};
 use scene_decomp::{FrozenSurface, InitialShape, Surface, SurfaceConfig};
 
 /// Sums of up to 64 products in another order, in single precision, through two layers.
@@ -151,6 +151,94 @@ fn sdf_field_equals_its_reference() {
                 assert_close(name, a, b, GRADIENT_TOLERANCE);
             }
         }
+    }
+}
+
+/// Two looks at 440 points in uneven parts, of which some are learnt from in another order.
+#[test]
+fn what_is_on_tape_is_not_computed_again_and_is_learnt_from() {
+    for device in [Device::flex(), Device::ndarray()] {
+        let device = device.autodiff();
+        let layout = Arc::new(GridLayout::new(&config().grid));
+        for (active, normal) in [
+            (5, sdf_field::Normal::Computed),
+            (3, sdf_field::Normal::Zero),
+        ] {
+            let surface = surface(&device);
+            let weights = surface.sdf_weights();
+            let settings = SdfFieldConfig {
+                normal,
+                ..surface.sdf_config(&layout, active, None)
+            };
+            let points = numbers(3 * 440, 51);
+            let look = |points: &[f32], part: usize| -> TapedRows {
+                let tape = Tape::default();
+                for points in points.chunks(3 * part) {
+                    let out = sdf_field::sdf_field(
+                        tensor(points.to_vec(), [points.len() / 3, 3], &device).inner(),
+                        constant(&weights),
+                        SdfFieldConfig {
+                            forward: Forward::Taped(tape.clone()),
+                            ..settings.clone()
+                        },
+                    );
+                    assert_eq!(out.dims(), [points.len() / 3, 11]);
+                }
+                tape.finish()
+            };
+            // Parts of 33 and of 150 points: tiles begin in the middle of some and end in others'.
+            let (first, second) = points.split_at(3 * 210);
+            let mut taped = look(first, 33);
+            taped.append(&look(second, 150));
+            assert_eq!(taped.len(), 440);
+            let chosen: Vec<u32> = (0..440).rev().filter(|i| i % 3 != 0).collect();
+            let n = chosen.len();
+            let points: Vec<f32> = chosen
+                .iter()
+                .flat_map(|&i| points[3 * i as usize..][..3].to_vec())
+                .collect();
+            let learn = |forward: Forward, points: Vec<f32>| {
+                let settings = SdfFieldConfig {
+                    forward,
+                    ..settings.clone()
+                };
+                let out = sdf_field::sdf_field(
+                    tensor(points, [n, 3], &device),
+                    weights.clone(),
+                    settings,
+                );
+                let upstream = tensor(numbers(n * 11, 52), [n, 11], &device);
+                let grads = out.clone().mul(upstream).sum().backward();
+                let gradients = [
+                    values(weights.table.grad(&grads).unwrap()),
+                    values(weights.w1.grad(&grads).unwrap()),
+                    values(weights.b1.grad(&grads).unwrap()),
+                    values(weights.w2.grad(&grads).unwrap()),
+                    values(weights.b2.grad(&grads).unwrap()),
+                ];
+                (values(out), gradients)
+            };
+            let alone = learn(Forward::Alone, points.clone());
+            // Of no use to an op that computes nothing.
+            let nowhere = vec![f32::NAN; points.len()];
+            let from_tape = learn(Forward::FromTape(taped.select(&chosen)), nowhere);
+            assert_eq!(alone.0, from_tape.0);
+            for (i, (a, b)) in from_tape.1.iter().zip(&alone.1).enumerate() {
+                // Sums over the points in another order.
+                assert_close(&format!("gradient {i}"), a, b, 1e-5);
+            }
+        }
+    }
+}
+
+/// The same weights outside autodiff.
+fn constant(weights: &SdfFieldWeights) -> SdfFieldWeights {
+    SdfFieldWeights {
+        table: weights.table.clone().inner(),
+        w1: weights.w1.clone().inner(),
+        b1: weights.b1.clone().inner(),
+        w2: weights.w2.clone().inner(),
+        b2: weights.b2.clone().inner(),
     }
 }
 

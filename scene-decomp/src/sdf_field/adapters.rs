@@ -10,7 +10,7 @@ use tensor_slices::F32Slices;
 
 use super::backward::{DenseTable, SdfFieldBackward, SdfFieldGradients};
 use super::cpu::{self, Saved, Weights};
-use super::{SdfFieldConfig, SdfFieldOps};
+use super::{Forward, SdfFieldConfig, SdfFieldOps};
 
 fn run<B: F32Slices>(
     points: &FloatTensor<B>,
@@ -22,8 +22,18 @@ fn run<B: F32Slices>(
     let (w1, b1, w2, b2) = (B::as_f32(w1), B::as_f32(b1), B::as_f32(w2), B::as_f32(b2));
     let weights = Weights::new(config, &w1, &b1, &w2, &b2, keep);
     let width = weights.columns();
-    let points = B::as_f32(points);
-    let (out, saved) = cpu::forward(&points, &B::as_f32(table), weights, config, keep);
+    let (points, table) = (B::as_f32(points), B::as_f32(table));
+    let (out, saved) = match (keep, &config.forward) {
+        (cpu::Keep::Nothing, Forward::Taped(tape)) => {
+            let out = cpu::forward_to_tape(&points, &table, &weights, config, tape);
+            (out, None)
+        }
+        (cpu::Keep::ForBackward, Forward::FromTape(rows)) => {
+            let (out, saved) = cpu::forward_from_tape(rows, table.len(), weights, config);
+            (out, Some(saved))
+        }
+        _ => cpu::forward(&points, &table, weights, config, keep),
+    };
     (B::from_f32(out, [points.len() / 3, width]), saved)
 }
 

@@ -30,7 +30,7 @@ use burn::backend::{Backend, Dispatch, backend_extension, tensor::FloatTensor};
 use hashgrid::{GridLayout, SparseGrad};
 
 pub(crate) use cpu::transposed;
-pub use cpu::{BACKWARD, EVALUATION, FORWARD};
+pub use cpu::{BACKWARD, EVALUATION, FORWARD, Tape, TapedRows};
 
 /// Whether the op computes normals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +39,19 @@ pub enum Normal {
     Computed,
     /// Zeros, at half the cost: for a field that is read as a density.
     Zero,
+}
+
+/// Whether a forward pass is for one that follows, or follows one.
+#[derive(Clone, Debug, Default)]
+pub enum Forward {
+    /// Neither.
+    #[default]
+    Alone,
+    /// Outside autodiff: what a backward pass needs goes to the tape. GPUs' kernels leave it as it is.
+    Taped(Tape),
+    /// Under autodiff: these rows, one for each point, were computed before, of the same weights and levels, and
+    /// are not again. GPUs' kernels compute them.
+    FromTape(TapedRows),
 }
 
 /// What the op needs besides its tensors.
@@ -56,6 +69,8 @@ pub struct SdfFieldConfig {
     pub normal: Normal,
     /// Where the table's gradient goes; `None` registers a dense one with autodiff.
     pub sparse: Option<SparseGrad>,
+    /// What came before, or comes after.
+    pub forward: Forward,
 }
 
 impl SdfFieldConfig {
@@ -106,7 +121,7 @@ pub trait SdfFieldOps: Backend {
 /// points are constants.
 ///
 /// # Panics
-/// When a shape does not fit the layout.
+/// When a shape does not fit the layout, or taped rows are of another field or not one for each point.
 #[must_use]
 pub fn sdf_field(points: Tensor<2>, weights: SdfFieldWeights, config: SdfFieldConfig) -> Tensor<2> {
     check(&points, &weights, &config);
@@ -152,6 +167,10 @@ fn check(points: &Tensor<2>, weights: &SdfFieldWeights, config: &SdfFieldConfig)
         config.active_levels,
         config.layout.levels.len()
     );
+    if let Forward::FromTape(rows) = &config.forward {
+        let (n, taped) = (points.dims()[0], rows.len());
+        assert_eq!(taped, n, "sdf_field: {taped} taped rows of {n} points");
+    }
 }
 
 /// What one backend keeps from forward to backward, and how it goes back.

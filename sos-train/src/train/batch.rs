@@ -10,6 +10,7 @@ use neus_render::rays::Ray;
 use rayon::prelude::*;
 use scene_decomp::LevelSet;
 use scene_decomp::probability::ProbabilityMap;
+use scene_decomp::sdf_field::{Forward, TapedRows};
 
 /// Where a field is evaluated, in its own frame; point-major lists.
 #[derive(Clone, Debug, Default)]
@@ -27,6 +28,8 @@ pub struct FieldSamples {
     pub stretch: Vec<f32>,
     /// How many samples each counts for in means over them, `[m]`; empty where each counts once.
     pub stands_for: Vec<f32>,
+    /// The field's geometry there, where it was written down; empty, or a row for each sample.
+    pub taped: TapedRows,
 }
 
 impl FieldSamples {
@@ -59,6 +62,16 @@ impl FieldSamples {
             ray: Vec::with_capacity(samples),
             stretch: Vec::new(),
             stands_for: Vec::new(),
+            taped: TapedRows::default(),
+        }
+    }
+
+    /// How the field's geometry is had here.
+    pub(super) fn forward(&self) -> Forward {
+        if self.taped.is_empty() {
+            Forward::Alone
+        } else {
+            Forward::FromTape(self.taped.clone())
         }
     }
 
@@ -78,6 +91,9 @@ impl FieldSamples {
                 .extend_from_slice(&self.directions[3 * i..3 * i + 3]);
             out.ray.push(self.ray[i]);
         }
+        if !self.taped.is_empty() {
+            out.taped = self.taped.select(chosen);
+        }
         out
     }
 
@@ -89,6 +105,7 @@ impl FieldSamples {
         self.ray.extend(other.ray.iter().map(|ray| ray + first));
         self.stretch.extend_from_slice(&other.stretch);
         self.stands_for.extend_from_slice(&other.stands_for);
+        self.taped.append(&other.taped);
     }
 
     fn push(&mut self, point: Vec3, direction: Vec3, ray: u32) {

@@ -14,10 +14,14 @@ use super::courier::{Courier, Parcel};
 use super::ledger::{Batch, Ledger};
 use super::step::{StepLosses, StepSchedule};
 use super::visible::FrozenFields;
+use crate::config::Transparency;
 
 /// Steps of a GPU between two looks at what it has learnt and at its losses; what is known is from one to two
 /// times as old.
 const LAG: u32 = 16;
+
+/// The least share of samples in clear space that has to be learnt from for all of them to be written down.
+const LEAST_TAPED: f32 = 0.5;
 
 /// The fields as they were, and the losses since.
 pub(super) struct Outlook {
@@ -65,6 +69,7 @@ impl Snapshot {
             background: self.background,
             sharpness: pair(self.sharpness),
             view_share: self.view_share,
+            taped: [false; 2],
         }
     }
 
@@ -123,6 +128,11 @@ impl Outlook {
             afar: (!is_cpu).then(Afar::new),
             losses: StepLosses::default(),
         }
+    }
+
+    /// Whether the fields are learnt on a GPU.
+    pub(super) fn is_afar(&self) -> bool {
+        self.afar.is_some()
     }
 
     /// What was seen of other fields than those of now.
@@ -226,6 +236,27 @@ impl Trainer {
         }
         let now = self.snapshot(schedule).without_features();
         self.outlook.look(self.step, now)
+    }
+
+    /// The same for a step that learns from what it looks at, which is written down on the CPU: but for samples of
+    /// which only a few representatives are learnt from, as backward goes through all that is.
+    pub(super) fn look_to_learn(&mut self, schedule: StepSchedule) -> FrozenFields {
+        if self.outlook.is_afar() {
+            return self.look_ahead(schedule);
+        }
+        let config = &self.context.config;
+        let thinned = config.sampling.clear_share < LEAST_TAPED;
+        let drawn = config.model.background == Transparency::Density;
+        let mut fields = self.freeze_fields(schedule);
+        fields.taped = [!thinned, !thinned && !drawn];
+        let [object, background] = fields.taped;
+        if !object {
+            fields.object = fields.object.without_features();
+        }
+        if !background {
+            fields.background = fields.background.without_features();
+        }
+        fields
     }
 
     /// Waits until the device has done all steps. Returns the mean losses since somebody last asked.

@@ -11,6 +11,7 @@ use neus_render::composite::{
     visibility_from,
 };
 use scene_decomp::colour_field::density_of;
+use scene_decomp::sdf_field::Tape;
 use scene_decomp::{FrozenSurface, Geometry};
 
 use super::batch::{FieldSamples, MarchedBatch, MarchedRays, SampleLists};
@@ -29,6 +30,8 @@ pub(super) struct Rules {
     pub(super) matte: f32,
     pub(super) sharpness: [f32; 2],
     pub(super) compositing: CompositeConfig,
+    /// Whether what the fields say is written down, for backward.
+    pub(super) taped: [bool; 2],
 }
 
 /// Looks along `marched` until no ray has light left: through both fields, or through the background
@@ -41,12 +44,20 @@ pub(super) fn look(
     alone: impl Fn(usize) -> bool,
 ) -> (MarchedBatch, Look) {
     let mut reached = Reached::new(marched, [object.columns(), background.columns()]);
+    let tapes = rules.taped.map(|taped| taped.then(Tape::default));
     let mut rays = all_rays(marched);
     let mut most = FIRST_ROUND;
     while !rays.is_empty() {
         let mut round = reached.advance(&mut rays, most);
-        let object_geometry = ask(object, &reached.samples.object, round.object);
-        let background_geometry = ask(background, &reached.samples.background, round.background);
+        let [of_object, of_background] = &tapes;
+        let samples = &reached.samples;
+        let object_geometry = ask(object, &samples.object, round.object, of_object);
+        let background_geometry = ask(
+            background,
+            &samples.background,
+            round.background,
+            of_background,
+        );
         let [of_object, of_background] = rules.transparency;
         let object_values = rows::<{ object_column::COUNT }>(
             &object_geometry,
@@ -85,12 +96,19 @@ pub(super) fn look(
         });
         most *= 2;
     }
+    let [of_object, of_background] = tapes.map(|tape| tape.unwrap_or_default().finish());
+    reached.samples.object.taped = of_object;
+    reached.samples.background.taped = of_background;
     reached.in_order()
 }
 
-/// Asks a field about the samples from number `first` on.
-fn ask(field: &FrozenSurface, at: &FieldSamples, first: usize) -> Geometry {
-    field.geometry_of(at.points[3 * first..].to_vec())
+/// Asks a field about the samples from number `first` on, for the record where there is a tape.
+fn ask(field: &FrozenSurface, at: &FieldSamples, first: usize, tape: &Option<Tape>) -> Geometry {
+    let points = at.points[3 * first..].to_vec();
+    match tape {
+        Some(tape) => field.geometry_taped(points, tape),
+        None => field.geometry_of(points),
+    }
 }
 
 /// One row of `COLUMNS` values for each point of `geometry`: how opaque it is, seen along `directions`
@@ -363,6 +381,7 @@ mod tests {
             matte: 1.0,
             sharpness: [60.0, 90.0],
             compositing: CompositeConfig::default(),
+            taped: [true, false],
         };
         let mut marcher = BatchMarcher::default();
         let marched = marcher.march(
@@ -438,5 +457,7 @@ mod tests {
         assert_eq!(found.background.ray, expected.background.ray);
         assert_eq!(seen, expected_seen);
         assert_eq!(sdf, expected_sdf);
+        assert_eq!(found.object.taped.len(), found.object.len());
+        assert!(found.background.taped.is_empty());
     }
 }

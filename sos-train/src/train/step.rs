@@ -9,6 +9,7 @@ use hashgrid::{GridLayout, SparseGrad};
 use losses::{ColourLoss, OPACITY_OFFSET, background_loss, eikonal_loss_of_lengths, mask_loss};
 use neus_render::composite::{self, column};
 use scene_decomp::colour_field::{Reading, RowConfig};
+use scene_decomp::sdf_field::SdfFieldConfig;
 use scene_decomp::{Scene, Sharpness};
 
 use super::batch::{FieldSamples, MarchedBatch};
@@ -369,11 +370,14 @@ fn object_rows(
         &at.points,
         &at.directions,
         [&[], &[]],
-        scene.object.sdf_config(
-            &context.object_layout,
-            schedule.active_levels,
-            Some(context.object_gradient.clone()),
-        ),
+        SdfFieldConfig {
+            forward: at.forward(),
+            ..scene.object.sdf_config(
+                &context.object_layout,
+                schedule.active_levels,
+                Some(context.object_gradient.clone()),
+            )
+        },
         RowConfig {
             reading: reading(context.config.model.foreground),
             view_share: schedule.view_share,
@@ -403,11 +407,14 @@ fn background_rows(
     };
     scene.background.rows_and_geometry(
         [&at.points, &at.directions, probability, &at.stretch],
-        scene.background.sdf_config(
-            &context.background_layout,
-            schedule.background_levels,
-            Some(context.background_gradient.clone()),
-        ),
+        SdfFieldConfig {
+            forward: at.forward(),
+            ..scene.background.sdf_config(
+                &context.background_layout,
+                schedule.background_levels,
+                Some(context.background_gradient.clone()),
+            )
+        },
         RowConfig {
             reading: reading(model.background),
             view_share: 1.0,

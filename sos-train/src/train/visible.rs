@@ -26,6 +26,8 @@ pub struct FrozenFields {
     pub sharpness: [f32; 2],
     /// Factor on the view directions that colours depend on.
     pub view_share: f32,
+    /// Whether a look writes FoCoR's and BaCo's geometry down for a step that learns from it.
+    pub taped: [bool; 2],
 }
 
 /// The geometry of a batch's samples and how visible each is.
@@ -81,6 +83,7 @@ impl FrozenFields {
             },
             sharpness: self.sharpness,
             compositing: composite_config(config, cos_anneal),
+            taped: self.taped,
         };
         rounds::look(&self.object, &self.background, marched, rules, alone)
     }

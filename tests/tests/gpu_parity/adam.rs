@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use burn::tensor::Device;
 use hashgrid::{GridConfig, GridLayout, HashGrid, LazyAdam, SparseGrad};
-use scene_decomp::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, sdf_field};
+use scene_decomp::sdf_field::{Forward, Normal, SdfFieldConfig, SdfFieldWeights, sdf_field};
 
 use crate::support::{Random, VALUE, assert_close, assert_same_numbers, gpu, numbers, tensor};
 
@@ -67,6 +67,7 @@ impl Training {
             beta: 20.0,
             normal: Normal::Computed,
             sparse: Some(self.gradient.clone()),
+            forward: Forward::Alone,
         };
         let out = sdf_field(tensor(&values, [n, 3], device), weights, config);
         // Linear in the outputs, so that rounding does not feed back into the gradient's sign.

@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use burn::tensor::Device;
 use hashgrid::{GridConfig, GridLayout, Hash, SparseGrad, TableReads};
-use scene_decomp::sdf_field::{Normal, SdfFieldConfig, SdfFieldWeights, reference, sdf_field};
+use scene_decomp::sdf_field::{
+    Forward, Normal, SdfFieldConfig, SdfFieldWeights, reference, sdf_field,
+};
 
 use crate::support::{
     GRADIENT, Random, VALUE, WithoutNativeSums, assert_columns_close, assert_equal_but_for_row,
@@ -46,6 +48,7 @@ impl Case {
             beta: 20.0,
             normal: self.normal,
             sparse,
+            forward: Forward::Alone,
         }
     }
 

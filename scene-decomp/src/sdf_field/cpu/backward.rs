@@ -8,12 +8,12 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use tensor_slices::{Scratch, Stopwatch};
 
-use super::forward::{Places, Saved, Tile, slope_of_hidden};
+use super::forward::{Saved, Tile, slope_of_hidden};
+use super::passes::Passes;
 use super::weights::Weights;
 use crate::sdf_field::Normal;
 use crate::sdf_field::backward::DenseTable;
 use crate::tile::partials::{LayerGradient, LayerPartials};
-use crate::tile::transpose::rows_to_tile_padded;
 use crate::tile::{POINTS, activation, layer};
 
 /// Jobs that the tiles are dealt to; fixed, so that sums do not depend on the number of threads.
@@ -35,24 +35,21 @@ pub(crate) struct Gradients {
 pub(crate) fn backward(saved: &Saved, grad: &[f32], dense_table: DenseTable) -> Gradients {
     let _lap = BACKWARD.lap();
     let weights = &saved.weights;
-    let columns = weights.columns();
-    let tiles = saved.places.points.div_ceil(POINTS);
-    let saved_len = saved.kind.len();
-    let scatter_len = saved.kind.len_of_places();
+    let tiles = saved.passes.tiles();
+    let scatter_len = saved.passes.kind.len_of_places();
     let mut scatter = Scratch::new(tiles * scatter_len);
 
     let tiles_per_job = tiles.div_ceil(JOBS).max(1);
-    let jobs: Vec<JobGradient> = grad
-        .par_chunks(columns * POINTS * tiles_per_job)
-        .zip(saved.tiles.par_chunks(saved_len * tiles_per_job))
-        .zip(scatter.par_chunks_mut(scatter_len * tiles_per_job))
-        .map(|((grad, saved_tiles), scatter)| {
+    let jobs: Vec<JobGradient> = scatter
+        .par_chunks_mut(scatter_len * tiles_per_job)
+        .enumerate()
+        .map(|(job, scatter)| {
             let mut partials = Partials::new(weights);
             let mut working = BackwardWorking::new(weights);
             let lanes = Arch::new().dispatch(BackwardJob {
                 saved,
                 grad,
-                saved_tiles,
+                first: job * tiles_per_job,
                 scatter,
                 partials: &mut partials,
                 working: &mut working,
@@ -101,31 +98,25 @@ const OFTEN: usize = 2;
 /// What comes back to the table.
 struct TableGradient {
     layout: Arc<GridLayout>,
-    places: Arc<Places>,
-    /// Beside each tile of `places` `[3 + features, POINTS]`: dL/dn in unit coordinates, and dL/dh.
+    passes: Arc<Passes>,
+    /// For each tile `[3 + features, POINTS]`: dL/dn in unit coordinates, and dL/dh.
     tiles: Scratch,
 }
 
 impl TableGradient {
     /// Adds one level's share: every tile's points in order, so without atomics.
     fn add(&self, level: usize, grad: &mut [f32], mut touched: Option<&mut [u8]>) {
-        let Places {
-            points,
-            kind,
-            tiles: ref places,
-        } = *self.places;
+        let kind = self.passes.kind;
         if let Some(flags) = touched.as_deref_mut()
-            && 8 * points >= OFTEN * flags.len()
+            && 8 * self.passes.points() >= OFTEN * flags.len()
         {
             flags.fill(1);
             touched = None;
         }
         let tile_len = kind.len_of_places();
-        let tiles = places
-            .chunks_exact(tile_len)
-            .zip(self.tiles.chunks_exact(tile_len));
-        for (t, (place, back)) in tiles.enumerate() {
-            let count = POINTS.min(points - t * POINTS);
+        for (tile, back) in self.tiles.chunks_exact(tile_len).enumerate() {
+            let place = self.passes.place(tile);
+            let count = self.passes.points_on(tile);
             // The first feature's row, after three of positions or normals.
             let first = 3 + 2 * level;
             let rows = grid::ScatterRows {
@@ -145,7 +136,7 @@ impl TableGradient {
                         ],
                     )
                 }),
-                // The tiles of both lie one after the other.
+                // The tiles of both lie one after the other, but for those of tapes here and there.
                 prefetch_offset: tile_len,
             };
             grid::scatter_level(&self.layout, level, &rows, grad, touched.as_deref_mut());
@@ -164,7 +155,7 @@ fn scatter_table(saved: &Saved, scatter: Scratch, dense: DenseTable) -> Option<V
     let active = saved.config.active_levels;
     let gradient = TableGradient {
         layout: Arc::clone(&saved.config.layout),
-        places: Arc::clone(&saved.places),
+        passes: Arc::clone(&saved.passes),
         tiles: scatter,
     };
     if let Some(sparse) = &saved.config.sparse {
@@ -240,7 +231,9 @@ impl BackwardWorking {
 struct BackwardJob<'a> {
     saved: &'a Saved,
     grad: &'a [f32],
-    saved_tiles: &'a [f32],
+    /// Number of its first tile.
+    first: usize,
+    /// Beside each of its tiles.
     scatter: &'a mut [f32],
     partials: &'a mut Partials,
     working: &'a mut BackwardWorking,
@@ -251,31 +244,20 @@ impl WithSimd for BackwardJob<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> usize {
-        let weights = &self.saved.weights;
-        let tiles = self
-            .grad
-            .chunks(weights.columns() * POINTS)
-            .zip(self.saved_tiles.chunks_exact(self.saved.kind.len()))
-            .zip(
-                self.scatter
-                    .chunks_exact_mut(self.saved.kind.len_of_places()),
-            );
-        for ((grad, tile), scatter) in tiles {
-            backward_tile(
-                simd,
-                self.saved,
-                grad,
-                self.saved.kind.rows(tile),
-                scatter,
-                self.partials,
-                self.working,
-            );
+        let passes = &self.saved.passes;
+        let columns = self.saved.weights.columns();
+        let len = passes.kind.len_of_places();
+        for (i, scatter) in self.scatter.chunks_exact_mut(len).enumerate() {
+            let number = self.first + i;
+            passes.gradient_of_tile(number, self.grad, columns, &mut self.working.grad);
+            let tile = passes.tile(number);
+            backward_tile(simd, self.saved, tile, scatter, self.partials, self.working);
         }
         S::F32_LANES
     }
 }
 
-/// The chain rule of one tile. With `d` for the loss' derivative:
+/// The chain rule of one tile, whose gradient is in `working`. With `d` for the loss' derivative:
 ///
 /// ```text
 /// dg = J dn        du = W1 dg        dW1 += u dg^T      dw2 += du * slope
@@ -287,7 +269,6 @@ impl WithSimd for BackwardJob<'_> {
 fn backward_tile<S: Simd>(
     simd: S,
     saved: &Saved,
-    grad: &[f32],
     tile: Tile<'_>,
     scatter: &mut [f32],
     partials: &mut Partials,
@@ -299,14 +280,13 @@ fn backward_tile<S: Simd>(
     let BackwardWorking {
         slope,
         u,
-        grad: grad_tile,
+        grad,
         dg,
         du,
         dz,
     } = working;
     activation::slope_of_softplus(simd, beta, tile.a, slope);
-    rows_to_tile_padded(grad, weights.columns(), grad_tile);
-    let (d_out, d_normal) = grad_tile.split_at(weights.outputs * POINTS);
+    let (d_out, d_normal) = grad.split_at(weights.outputs * POINTS);
 
     let (dn_unit, d_h) = scatter.split_at_mut(3 * POINTS);
     if saved.config.normal == Normal::Computed {

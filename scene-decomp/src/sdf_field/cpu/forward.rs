@@ -7,6 +7,8 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use tensor_slices::{Scratch, Stopwatch};
 
+use super::passes::{Computed, Passes, Recording};
+use super::tape::{Tape, TapedRows};
 use super::weights::Weights;
 use crate::sdf_field::{Normal, SdfFieldConfig};
 use crate::tile::transpose::{rows_to_tile, tile_to_rows};
@@ -34,25 +36,12 @@ pub struct Saved {
     pub(super) config: SdfFieldConfig,
     pub(super) weights: Weights,
     pub(super) table_len: usize,
-    pub(super) kind: TileKind,
-    /// One [`Tile`] after the other.
-    pub(super) tiles: Scratch,
     /// Shared with the table's gradient, which is added up after backward has returned.
-    pub(super) places: Arc<Places>,
-}
-
-/// Where the table's gradient goes to, tile by tile.
-#[derive(Debug)]
-pub(super) struct Places {
-    pub(super) points: usize,
-    pub(super) kind: TileKind,
-    /// For each tile `[3 + features, POINTS]`: positions in the grid, in `[0, 1]`, and the sdf's derivative
-    /// by the features, for the normal.
-    pub(super) tiles: Scratch,
+    pub(super) passes: Arc<Passes>,
 }
 
 /// What a tile consists of.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct TileKind {
     /// Inputs of the MLP.
     pub(super) inputs: usize,
@@ -79,6 +68,14 @@ struct TileMut<'a> {
 }
 
 impl TileKind {
+    fn of(weights: &Weights, config: &SdfFieldConfig) -> Self {
+        Self {
+            inputs: weights.inputs,
+            hidden: weights.hidden,
+            normal: config.normal,
+        }
+    }
+
     /// Features of the grid.
     pub(super) fn features(self) -> usize {
         self.inputs - 3
@@ -112,7 +109,7 @@ impl TileKind {
         TileMut { input, jacobian, a }
     }
 
-    /// Values of a tile of [`Places`], and of what backward leaves beside it for the table.
+    /// Values of a tile's places, and of what backward leaves beside them for the table.
     pub(super) fn len_of_places(self) -> usize {
         (3 + self.features()) * POINTS
     }
@@ -135,11 +132,7 @@ pub(crate) fn forward(
     let layout = &config.active_layout();
     let table = &table[..2 * layout.entries()];
     let mut out = vec![0.0; n * weights.columns()];
-    let kind = TileKind {
-        inputs: weights.inputs,
-        hidden: weights.hidden,
-        normal: config.normal,
-    };
+    let kind = TileKind::of(&weights, config);
     let tile_len = kind.len();
     match keep {
         Keep::Nothing => {
@@ -205,21 +198,81 @@ pub(crate) fn forward(
                         }
                     },
                 );
+            let recording = Recording::of(kind, n, tiles, places);
             let saved = Saved {
                 config: config.clone(),
                 weights,
                 table_len,
-                kind,
-                tiles,
-                places: Arc::new(Places {
-                    points: n,
-                    kind,
-                    tiles: places,
-                }),
+                passes: Arc::new(Passes::of(recording)),
             };
             (out, Some(saved))
         }
     }
+}
+
+/// [`forward`] by one thread, which writes what backward needs down on `tape`.
+pub(crate) fn forward_to_tape(
+    points: &[f32],
+    table: &[f32],
+    weights: &Weights,
+    config: &SdfFieldConfig,
+    tape: &Tape,
+) -> Vec<f32> {
+    let _lap = EVALUATION.lap();
+    let layout = &config.active_layout();
+    let table = &table[..2 * layout.entries()];
+    let columns = weights.columns();
+    let mut out = vec![0.0; points.len() / 3 * columns];
+    let kind = TileKind::of(weights, config);
+    let (mut tile, mut working) = (Scratch::new(kind.len()), WorkingRoom::new(weights));
+    let tiles = points.chunks(3 * POINTS);
+    for (points, out) in tiles.zip(out.chunks_mut(columns * POINTS)) {
+        let count = points.len() / 3;
+        let lanes = count.next_multiple_of(GRAIN);
+        Arch::new().dispatch(ForwardTile {
+            points,
+            table,
+            weights,
+            config,
+            layout,
+            kind,
+            lanes,
+            tile: &mut tile,
+            working: &mut working,
+            out,
+        });
+        let rows = working.rows_mut(weights, lanes);
+        let computed = Computed {
+            tile: &tile[..kind.len() / POINTS * lanes],
+            unit: rows.unit,
+            g: match kind.normal {
+                Normal::Computed => &rows.g[3 * lanes..],
+                Normal::Zero => &[],
+            },
+            lanes,
+        };
+        tape.append(kind, &computed, count, out);
+    }
+    out
+}
+
+/// [`forward`] of rows that are on tapes already, of the same weights and table, for backward.
+pub(crate) fn forward_from_tape(
+    rows: &TapedRows,
+    table_len: usize,
+    weights: Weights,
+    config: &SdfFieldConfig,
+) -> (Vec<f32>, Saved) {
+    let _lap = FORWARD.lap();
+    let out = rows.out(weights.columns());
+    let passes = rows.passes(TileKind::of(&weights, config));
+    let saved = Saved {
+        config: config.clone(),
+        weights,
+        table_len,
+        passes: Arc::new(passes),
+    };
+    (out, saved)
 }
 
 /// Room for one tile's intermediate rows that backward does not ask for: each is written before it is read.
