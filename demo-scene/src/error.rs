@@ -1,5 +1,6 @@
 //! What can go wrong when a scene is written.
 
+use draft_folder::Occupant;
 use std::io;
 use std::path::PathBuf;
 
@@ -31,9 +32,14 @@ pub enum DemoError {
         #[source]
         source: image::ImageError,
     },
-    /// The destination exists and is not an empty folder: nothing is ever overwritten.
-    #[error("{0} already exists and is not empty; choose a folder that does not exist yet")]
-    Occupied(PathBuf),
+    /// The destination is not an empty folder: nothing is ever overwritten.
+    #[error("{path} is not empty, there is something in it already, {occupant}; {}", occupant.remedy("choose a folder that is empty or does not exist"))]
+    Occupied {
+        /// The folder.
+        path: PathBuf,
+        /// What is in it.
+        occupant: Occupant,
+    },
 }
 
 impl From<draft_folder::DraftError> for DemoError {

@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use draft_folder::Draft;
+use draft_folder::{Draft, Occupant};
 use image::{DynamicImage, ImageFormat};
 use rayon::prelude::*;
 
@@ -18,11 +18,12 @@ use crate::target::Mesh;
 /// # Errors
 /// [`DemoError::Occupied`] when `dir` holds something; otherwise what the file system says.
 pub fn check_vacant(dir: &Path) -> Result<(), DemoError> {
-    match fs::read_dir(dir).map(|mut entries| entries.next().is_some()) {
-        Ok(true) => Err(DemoError::Occupied(dir.to_owned())),
-        Ok(false) => Ok(()),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        Err(error) => Err(failed(dir)(error)),
+    match Occupant::of(dir).map_err(failed(dir))? {
+        None => Ok(()),
+        Some(occupant) => Err(DemoError::Occupied {
+            path: dir.to_owned(),
+            occupant,
+        }),
     }
 }
 

@@ -62,7 +62,9 @@ fn a_written_scene_is_complete_and_never_overwritten() {
         12 * scene.mesh.vertices.len() + 13 * scene.mesh.faces.len()
     );
 
-    assert!(matches!(scene.write(&dir), Err(DemoError::Occupied(_))));
+    let error = scene.write(&dir).unwrap_err();
+    assert!(matches!(error, DemoError::Occupied { .. }));
+    assert!(error.to_string().contains("such as alpha_gt;"), "{error}");
 }
 
 #[cfg(feature = "cli")]

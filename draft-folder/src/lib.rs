@@ -1,18 +1,21 @@
 //! Folders that appear in one piece.
 //!
 //! A [`Draft`] lies beside its place, on the same disk, and is renamed when it is complete. One that is dropped
-//! before that is gone; of one whose program was killed, a folder whose name starts with [`PREFIX`] remains.
+//! before that is gone; of one whose program was killed, a folder whose name starts with [`PREFIX`] remains. Where that is
+//! in the way, an [`Occupant`] names it.
 //!
 //! An empty folder gives way to it, unless it is one that has to stay, such as the one a shell is in or one that a disk
 //! is mounted on: there the draft lies in its place, and what is in it moves up.
 
 mod moving;
+mod occupant;
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use moving::{entries, is_elsewhere, move_all};
+pub use occupant::Occupant;
 use tempfile::TempDir;
 
 /// Start of the names of folders that are being written.

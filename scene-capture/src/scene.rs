@@ -10,7 +10,7 @@ use crate::source::Source;
 use crate::upright;
 use crate::video::{Ffmpeg, FrameOptions};
 use crate::watch::{Progress, Stage, Watch};
-use draft_folder::Draft;
+use draft_folder::{Draft, Occupant};
 use image::metadata::Orientation;
 use io_colmap::PhotoHeader;
 use rayon::prelude::*;
@@ -120,27 +120,26 @@ pub fn capture(
 }
 
 fn check_place(out: &Path, existing: Existing) -> Result<(), CaptureError> {
-    let is_empty = fs::read_dir(out).map(|mut entries| entries.next().is_none());
-    match (is_empty, existing) {
-        (Ok(true), _) => Ok(()),
-        (Ok(false), Existing::Replace) if out.join(RECORD).is_file() => Ok(()),
-        (Ok(false), Existing::Replace) => Err(CaptureError::bad(
-            out,
-            "there is something in it that is no captured scene, so it is not replaced",
-            "name a folder that is empty or does not exist",
-        )),
-        (Ok(false), Existing::Keep) => Err(CaptureError::bad(
-            out,
-            "there is something in it already",
-            "name a folder that is empty or does not exist, or replace a captured scene with --force",
-        )),
-        (Err(_), _) if out.exists() => Err(CaptureError::bad(
-            out,
-            "it is in the way",
-            "name a folder that is empty or does not exist",
-        )),
-        (Err(_), _) => Ok(()),
-    }
+    let elsewhere = "name a folder that is empty or does not exist";
+    let (what, remedy) = match (Occupant::of(out), existing) {
+        (Ok(None), _) => return Ok(()),
+        (Ok(Some(_)), Existing::Replace) if out.join(RECORD).is_file() => return Ok(()),
+        (Ok(Some(occupant)), Existing::Replace) => (
+            format!(
+                "there is something in it, {occupant}, and no captured scene, so it is not replaced"
+            ),
+            occupant.remedy(elsewhere),
+        ),
+        (Ok(Some(occupant)), Existing::Keep) => (
+            format!("there is something in it already, {occupant}"),
+            occupant.remedy(&format!(
+                "{elsewhere}, or replace a captured scene with --force"
+            )),
+        ),
+        (Err(_), _) if out.exists() => ("it is in the way".to_owned(), elsewhere.to_owned()),
+        (Err(_), _) => return Ok(()),
+    };
+    Err(CaptureError::bad(out, what, remedy))
 }
 
 fn create(folder: &Path) -> Result<(), CaptureError> {

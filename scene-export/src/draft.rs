@@ -1,7 +1,7 @@
 //! A folder that appears when it is complete.
 
 use crate::error::ExportError;
-use draft_folder::Draft as Folder;
+use draft_folder::{Draft as Folder, Occupant};
 use std::fs;
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
@@ -31,26 +31,24 @@ impl Draft {
     /// # Errors
     /// [`ExportError`] if something is in the way, or nothing can be written there.
     pub fn begin(out: &Path, existing: Existing) -> Result<Self, ExportError> {
-        match fs::read_dir(out) {
-            Ok(mut entries) => {
-                let ours = out.join(RECORD).is_file();
-                match (entries.next().is_some(), ours, existing) {
-                    (false, ..) | (true, true, Existing::Replace) => {}
-                    (true, true, Existing::Keep) => {
-                        return Err(ExportError::Exists {
-                            path: out.to_path_buf(),
-                        });
-                    }
-                    (true, false, _) => {
-                        return Err(ExportError::bad(
-                            out,
-                            "there is something in it that was not exported here, which is never replaced",
-                            "choose a folder with --out that is empty or does not exist",
-                        ));
-                    }
+        match Occupant::of(out) {
+            Ok(None) => {}
+            Ok(Some(_)) if out.join(RECORD).is_file() => {
+                if existing == Existing::Keep {
+                    return Err(ExportError::Exists {
+                        path: out.to_path_buf(),
+                    });
                 }
             }
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Ok(Some(occupant)) => {
+                return Err(ExportError::bad(
+                    out,
+                    format!(
+                        "there is something in it, {occupant}, and nothing that was exported here: it is never replaced"
+                    ),
+                    occupant.remedy("choose a folder with --out that is empty or does not exist"),
+                ));
+            }
             Err(_) if out.is_file() => {
                 return Err(ExportError::bad(
                     out,

@@ -4,7 +4,7 @@ use crate::alpha;
 use crate::error::ImportError;
 use crate::gather::Imported;
 use crate::masks::{Chosen, MaskOptions, mask_path, save};
-use draft_folder::Draft;
+use draft_folder::{Draft, Occupant};
 use io_colmap::{Model, PhotoHeader, Scene, picture_error, read_photo};
 use rayon::prelude::*;
 use std::fs;
@@ -33,11 +33,16 @@ impl Imported {
     /// be read, or masks do not fit.
     pub fn write(&self, out: &Path, masks: &MaskOptions) -> Result<Written, ImportError> {
         let chosen = masks.choose(self)?;
-        if fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) || out.is_file() {
+        let elsewhere = "name a folder that is empty or does not exist";
+        if out.is_file() {
+            return Err(ImportError::bad(out, "this is a file", elsewhere));
+        }
+        // What cannot be listed is refused by what is written there.
+        if let Ok(Some(occupant)) = Occupant::of(out) {
             return Err(ImportError::bad(
                 out,
-                "there is something in it already",
-                "name a folder that is empty or does not exist",
+                format!("there is something in it already, {occupant}"),
+                occupant.remedy(elsewhere),
             ));
         }
         let draft = Draft::beside(out)?;

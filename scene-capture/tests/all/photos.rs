@@ -228,7 +228,7 @@ fn only_a_captured_scene_is_replaced() {
     assert_eq!(make(Existing::Keep), Ok(4));
     let refused = make(Existing::Keep).unwrap_err();
     assert!(
-        refused.contains("there is something in it already"),
+        refused.contains("there is something in it already, such as capture.txt; name"),
         "{refused}"
     );
     fs::write(out.join("old"), "").unwrap();
@@ -239,8 +239,19 @@ fn only_a_captured_scene_is_replaced() {
     fs::remove_file(out.join("capture.txt")).unwrap();
     let refused = make(Existing::Replace).unwrap_err();
     assert!(
-        refused.contains("no captured scene, so it is not replaced"),
+        refused.contains("such as images, and no captured scene, so it is not replaced"),
         "{refused}"
     );
     assert!(out.join("sparse/0").is_dir());
+
+    // All that a run leaves that was killed.
+    fs::remove_dir_all(&out).unwrap();
+    fs::create_dir_all(out.join(".sos-partial-a1B2c3")).unwrap();
+    for existing in [Existing::Keep, Existing::Replace] {
+        let refused = make(existing).unwrap_err();
+        assert!(
+            refused.contains("such as .sos-partial-a1B2c3") && refused.contains("delete"),
+            "{refused}"
+        );
+    }
 }

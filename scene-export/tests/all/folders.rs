@@ -41,10 +41,24 @@ fn what_was_not_exported_is_never_replaced() {
         ..Options::default()
     };
     let error = export(&rig.run(), PRODUCT, &rig.out(), &replace).unwrap_err();
-    assert!(error.to_string().contains("never replaced"), "{error}");
+    let said = error.to_string();
+    assert!(
+        said.contains("such as thesis.tex") && said.contains("never replaced"),
+        "{said}"
+    );
     assert_eq!(listing(&rig.out()), ["thesis.tex"]);
-    // An empty folder is as good as none.
     fs::remove_file(rig.out().join("thesis.tex")).unwrap();
+    // All that an export leaves that was killed.
+    let left = rig.out().join(".sos-partial-a1B2c3");
+    fs::create_dir(&left).unwrap();
+    let error = export(&rig.run(), PRODUCT, &rig.out(), &replace).unwrap_err();
+    let said = error.to_string();
+    assert!(
+        said.contains(".sos-partial-a1B2c3") && said.contains("delete"),
+        "{said}"
+    );
+    fs::remove_dir(&left).unwrap();
+    // An empty folder is as good as none.
     export(&rig.run(), PRODUCT, &rig.out(), &replace).unwrap();
     // A file is in the way.
     let file = rig.out().join("000.png");

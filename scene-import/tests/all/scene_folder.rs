@@ -54,7 +54,10 @@ fn a_written_scene_opens_as_colmaps() {
         .write(&out, &MaskOptions::default())
         .unwrap_err()
         .to_string();
-    assert!(error.contains("something in it already"), "{error}");
+    assert!(
+        error.contains("something in it already, such as images;"),
+        "{error}"
+    );
     let entries: Vec<_> = fs::read_dir(dir.path().join("new")).unwrap().collect();
     assert_eq!(entries.len(), 1, "nothing else is left");
 }

@@ -9,7 +9,7 @@ use crate::error::InputError;
 use crate::run_folder::{RunError, RunFolder};
 use crate::train::checkpoint::step_of;
 use anyhow::Context as _;
-use demo_scene::{DemoConfig, DemoError, DemoScene, generate};
+use demo_scene::{DemoConfig, DemoError, DemoScene, check_vacant, generate};
 use scene_import::MaskSource;
 use serde_json::json;
 use std::fs;
@@ -282,9 +282,7 @@ pub(super) fn owns_scene(out: &Path) -> bool {
 
 /// Generates the demo scene into `out`; says so before it takes its time if that cannot be.
 pub(super) fn generate_demo(out: &Path) -> Result<DemoScene, DemoError> {
-    if out.is_file() || fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) {
-        return Err(DemoError::Occupied(out.to_path_buf()));
-    }
+    check_vacant(out)?;
     let scene = generate(&DemoConfig::default());
     scene.write(out)?;
     Ok(scene)

@@ -75,6 +75,17 @@ fn a_scene_may_be_written_into_the_folder_one_is_in() {
     scene_with_transforms(&dir.path().join("fox"));
     let here = dir.path().join("here");
     fs::create_dir(&here).unwrap();
+    // What a killed run leaves is seen by nobody who just lists the folder.
+    fs::create_dir(here.join(".sos-partial-a1B2c3")).unwrap();
+    refused(
+        &here,
+        &["import", "../fox", "--out", "."],
+        &[
+            "something in it already, such as .sos-partial-a1B2c3",
+            "delete",
+        ],
+    );
+    fs::remove_dir(here.join(".sos-partial-a1B2c3")).unwrap();
     let output = sos(&here, &["import", "../fox", "--out", "."]);
     assert_eq!(output.status.code(), Some(0), "{}", says(&output));
     let mut names: Vec<_> = fs::read_dir(&here)
@@ -86,7 +97,7 @@ fn a_scene_may_be_written_into_the_folder_one_is_in() {
     refused(
         &here,
         &["import", "../fox", "--out", "."],
-        &["something in it already"],
+        &["something in it already, such as images; name a folder"],
     );
 }
 
