@@ -2,15 +2,13 @@
 
 use super::DegradeArgs;
 use super::answer::Voice;
-use crate::error::InputError;
+use super::input::check_free;
 use serde_json::json;
 use sos_eval::degrade_folder;
 
 /// Writes true masks with a fault.
 pub(super) fn write(args: &DegradeArgs) -> anyhow::Result<()> {
-    if args.out.exists() {
-        return Err(InputError::new(&args.out, "it exists already", "choose another --out").into());
-    }
+    check_free(&args.out)?;
     let count = degrade_folder(
         &args.gt,
         &args.photos,

@@ -2,7 +2,7 @@
 
 use super::HullArgs;
 use super::answer::Voice;
-use super::input::NO_MASKS;
+use super::input::{NO_MASKS, check_free};
 use crate::config::{MaskPolarity, Preset, TrainConfig};
 use crate::error::InputError;
 use crate::export::check_names;
@@ -26,9 +26,7 @@ const SOFTNESS: f32 = 0.2;
 ///
 /// Masks that contradict the others are left out, as in training.
 pub(super) fn write(args: &HullArgs) -> anyhow::Result<()> {
-    if args.out.exists() {
-        return Err(InputError::new(&args.out, "it exists already", "choose another --out").into());
-    }
+    check_free(&args.out)?;
     if args.masks.as_os_str() == NO_MASKS {
         let remedy = "give the folder of rough masks with --masks";
         return Err(InputError::new(&args.scene, "a hull is made of masks", remedy).into());
@@ -42,7 +40,7 @@ pub(super) fn write(args: &HullArgs) -> anyhow::Result<()> {
     Voice::of(args.json, false).answer(&result, &sentence)
 }
 
-/// Writes the mattes into `out`, which does not exist yet, and says how many.
+/// Writes the mattes into `out`, which does not exist yet or is empty, and says how many.
 pub(super) fn write_hull(
     scene: &Path,
     masks: &Path,
@@ -73,7 +71,7 @@ pub(super) fn write_hull(
 }
 
 /// Writes masks as they were given, white for the object, as mattes into `out`, which does not exist
-/// yet; photos without one have none. Says how many.
+/// yet or is empty; photos without one have none. Says how many.
 pub(super) fn write_masks(
     scene: &Path,
     masks: &Path,

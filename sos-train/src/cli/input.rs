@@ -10,6 +10,7 @@ use crate::run_folder::{RunError, RunFolder};
 use crate::train::checkpoint::step_of;
 use anyhow::Context as _;
 use demo_scene::{DemoConfig, DemoError, DemoScene, check_vacant, generate};
+use draft_folder::Occupant;
 use scene_import::MaskSource;
 use serde_json::json;
 use std::fs;
@@ -278,6 +279,21 @@ pub(super) fn owns_scene(out: &Path) -> bool {
         .ok()
         .and_then(|record| record.input)
         .is_some_and(|input| input.owns_scene())
+}
+
+/// An error, before anything takes its time, unless there is nothing or an empty folder where a folder of results goes.
+pub(super) fn check_free(out: &Path) -> Result<(), InputError> {
+    let elsewhere = "choose a folder with --out that is empty or does not exist";
+    match Occupant::of(out) {
+        Ok(Some(occupant)) => Err(InputError::new(
+            out,
+            format!("there is something in it already, {occupant}"),
+            occupant.remedy(elsewhere),
+        )),
+        Err(_) if out.is_file() => Err(InputError::new(out, "this is a file", elsewhere)),
+        // What cannot be listed is refused by what is written there.
+        Ok(None) | Err(_) => Ok(()),
+    }
 }
 
 /// Generates the demo scene into `out`; says so before it takes its time if that cannot be.

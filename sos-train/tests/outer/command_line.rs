@@ -419,11 +419,20 @@ fn the_visual_hull_is_written_and_compared() {
     let foreign = dir.path().join("hull.part/000.png");
     fs::create_dir_all(dir.path().join("hull.part")).unwrap();
     fs::write(&foreign, "mine").unwrap();
+    // An empty folder is as good as none.
+    fs::create_dir(dir.path().join("hull")).unwrap();
     let output = sos(dir.path(), &hull);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert_eq!(fs::read_to_string(&foreign).unwrap(), "mine");
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 3);
-    refused(dir.path(), &hull, &["hull", "exists already", "--out"]);
+    refused(
+        dir.path(),
+        &hull,
+        &[
+            "hull: there is something in it already, such as 000.png",
+            "--out",
+        ],
+    );
 
     let output = sos(
         dir.path(),

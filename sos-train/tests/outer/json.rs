@@ -47,6 +47,7 @@ fn every_command_with_a_result_prints_one_object() {
         "--fault",
         "eroded",
     ];
+    std::fs::create_dir(dir.join("rough")).unwrap();
     let rough = asked(dir, &[&["degrade", "--out", "rough"], &rough[..]].concat());
     assert_eq!(rough["masks"], photos);
     let imported = asked(dir, &["import", "scene", "--out", "imported", "--quiet"]);

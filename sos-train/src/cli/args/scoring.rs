@@ -52,7 +52,7 @@ pub struct HullArgs {
     /// Colour of the object in the masks: white or black [default: detected].
     #[arg(long, value_enum, value_name = "COLOUR", hide_possible_values = true)]
     pub polarity: Option<MaskPolarity>,
-    /// Folder for the mattes, a PNG per view; it must not exist yet.
+    /// Folder for the mattes, a PNG per view; it must be empty or not exist yet.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Print one JSON object instead of a sentence.
@@ -78,7 +78,7 @@ pub struct DegradeArgs {
     /// Decides what is left to chance.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// Folder for the masks, a PNG per view; it must not exist yet.
+    /// Folder for the masks, a PNG per view; it must be empty or not exist yet.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Print one JSON object instead of a sentence.
