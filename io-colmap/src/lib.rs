@@ -10,6 +10,7 @@
 //!   and checks that they fit each other.
 //! * [`PhotoHeader`] and [`Scene::read_photo`] read photos of any usual format the way up that
 //!   their cameras have.
+//! * [`Search`] lists files in folders, and says what it had to leave out.
 //! * [`MaskSet`] finds masks under the names that different tools give them, and works out
 //!   whether white or black means the object.
 //!
@@ -58,6 +59,7 @@ mod camera_model;
 mod distortion;
 mod error;
 mod jet;
+mod listing;
 mod mask_names;
 mod masks;
 mod model;
@@ -70,6 +72,7 @@ mod text;
 pub use camera::Camera;
 pub use camera_model::CameraModel;
 pub use error::{ColmapError, Place, picture_error, remedy};
+pub use listing::{Listing, Search};
 pub use masks::{GreyImage, MaskFiles, MaskSet, read_mask};
 pub use model::{Model, Observation, SparsePoint, View, read_observations};
 pub use photo::{PICTURE_ENDINGS, PhotoHeader, is_picture, read_photo};

@@ -1,8 +1,9 @@
 //! A folder of masks: found, matched to the photos, and understood.
 
-use crate::error::ColmapError;
+use crate::error::{ColmapError, remedy};
+use crate::listing::Search;
 use crate::mask_names::match_masks;
-use crate::photo::is_picture;
+use crate::photo::PICTURE_ENDINGS;
 use crate::polarity::{Polarity, Share, decide};
 use crate::scene::{Scene, same_shape};
 use image::{DynamicImage, GrayImage};
@@ -13,8 +14,12 @@ use std::path::{Path, PathBuf};
 /// An 8-bit image with one channel.
 pub type GreyImage = GrayImage;
 
-/// How deep sub-folders of the mask folder are searched.
-const MAX_DEPTH: usize = 4;
+/// Pictures below the mask folder and below that of the photos.
+const PICTURES: Search<'static> = Search {
+    depth: 4,
+    endings: &PICTURE_ENDINGS,
+    mask_folders: true,
+};
 
 /// The masks of a scene; photos without one are fine.
 #[derive(Debug, Clone)]
@@ -199,11 +204,15 @@ impl MaskFiles {
     pub fn find(dir: &Path, scene: &Scene) -> Result<MaskFiles, ColmapError> {
         let views = &scene.model.views;
         let photos: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
-        let mut files = Vec::new();
-        list_images(dir, "", MAX_DEPTH, &mut files).map_err(|e| ColmapError::io("list", dir, e))?;
-        let mut all_photos = Vec::new();
-        list_images(&scene.image_dir, "", MAX_DEPTH, &mut all_photos)
-            .map_err(|e| ColmapError::io("list", &scene.image_dir, e))?;
+        let list = |dir: &Path| {
+            let listed = PICTURES.list(dir);
+            listed.map_err(|e| ColmapError::io("list", dir, e))
+        };
+        // Sorted: a PNG comes after a JPEG of the same name.
+        let mut listing = list(dir)?;
+        let mut files = std::mem::take(&mut listing.names);
+        // What cannot be read of these has no photos of the scene: they were opened.
+        let mut all_photos = list(&scene.image_dir)?.names;
         if let (Ok(dir), Ok(images)) = (dir.canonicalize(), scene.image_dir.canonicalize()) {
             if dir == images {
                 let registered: HashSet<&str> = photos.iter().copied().collect();
@@ -213,11 +222,18 @@ impl MaskFiles {
             all_photos.retain(|file| !images.join(file).starts_with(&dir));
         }
         if files.is_empty() {
-            return Err(ColmapError::mask(
-                dir,
-                "the folder holds no masks (PNG, JPEG, WebP or TIFF files)",
-                "give the folder the masks lie in",
-            ));
+            let what = "the folder holds no masks (PNG, JPEG, WebP or TIFF files)";
+            return Err(match listing.closed.first() {
+                Some((closed, error)) => ColmapError::mask(
+                    dir,
+                    format!(
+                        "{what}, and its sub-folder {} cannot be read ({error})",
+                        closed.display()
+                    ),
+                    remedy(error),
+                ),
+                None => ColmapError::mask(dir, what, "give the folder the masks lie in"),
+            });
         }
         let Some(matches) = match_masks(&photos, &all_photos, &files) else {
             return Err(ColmapError::mask(
@@ -238,6 +254,7 @@ impl MaskFiles {
             .map(|m| m.map(|i| dir.join(&files[i])))
             .collect();
         let mut notes: Vec<String> = matches.guess.into_iter().collect();
+        notes.extend(listing.notes("masks"));
         let unused = files.len() - paths.iter().flatten().count();
         if unused > 0 {
             notes.push(format!(
@@ -400,33 +417,4 @@ fn to_grey(image: &DynamicImage) -> GreyImage {
 
 fn eight_bits(value: u16) -> u8 {
     ((u32::from(value) + 128) / 257) as u8
-}
-
-/// Pictures below `dir`, as sorted paths with `/`; PNG after JPEG of the same name.
-fn list_images(
-    dir: &Path,
-    prefix: &str,
-    depth: usize,
-    out: &mut Vec<String>,
-) -> std::io::Result<()> {
-    for entry in std::fs::read_dir(dir)? {
-        let entry = entry?;
-        // A name that is not UTF-8 cannot be a registered photo's.
-        let Ok(name) = entry.file_name().into_string() else {
-            continue;
-        };
-        if name.starts_with('.') {
-            continue;
-        }
-        let path = entry.path();
-        if path.is_dir() {
-            if depth > 0 {
-                list_images(&path, &format!("{prefix}{name}/"), depth - 1, out)?;
-            }
-        } else if is_picture(&name) {
-            out.push(format!("{prefix}{name}"));
-        }
-    }
-    out.sort();
-    Ok(())
 }

@@ -30,7 +30,7 @@
 //! # Map
 //! | module | idea |
 //! |---|---|
-//! | `source`, `listing`, `photos`, `upright` | what a path holds; files by ending; photos by camera; turned as EXIF says |
+//! | `source`, `photos`, `upright` | what a path holds; photos by camera; turned as EXIF says |
 //! | `video`, `frames`, `sharpness` | ffprobe's answer and windows of time; the stream; which frame |
 //! | `colmap`, `matching`, `masks` | command lines; pairs of photos; where not to look |
 //! | `progress_lines`, `models` | what COLMAP says on the way; what it made |
@@ -39,7 +39,6 @@
 mod colmap;
 mod error;
 mod frames;
-mod listing;
 mod masks;
 mod matching;
 mod models;

@@ -1,10 +1,9 @@
 //! Which photos there are, and which of them one camera took with one focal length.
 
 use crate::error::CaptureError;
-use crate::listing::Listing;
 use exif::{In, Tag};
 use image::metadata::Orientation;
-use io_colmap::PhotoHeader;
+use io_colmap::{Listing, PhotoHeader, Search};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -22,8 +21,12 @@ pub(crate) const VIDEO_ENDINGS: [&str; 15] = [
 const HEIF_ENDINGS: [&str; 3] = ["heic", "heif", "avif"];
 /// Sub-folders that hold the photos, where a folder has one of them.
 const PHOTO_FOLDERS: [&str; 3] = ["images", "input", "photos"];
-/// How deep sub-folders are searched.
-const MAX_DEPTH: usize = 4;
+/// Where photos are looked for in a folder.
+const PHOTOS: Search<'static> = Search {
+    depth: 4,
+    endings: &PHOTO_ENDINGS,
+    mask_folders: false,
+};
 /// Fewer give no scene.
 const FEWEST: usize = 3;
 
@@ -71,7 +74,7 @@ impl PhotoSet {
         }
         let mut notes = Vec::new();
         let (root, mut listing) = photo_files(folder, &mut notes)?;
-        notes.extend(listing.notes());
+        notes.extend(listing.notes("photos"));
         let found: Vec<Result<Photo, (String, String)>> = std::mem::take(&mut listing.names)
             .into_par_iter()
             .map(|name| look(&root, name))
@@ -133,7 +136,12 @@ pub(crate) fn has_photos(folder: &Path) -> bool {
 /// How many photos of phones there are that have to be converted first.
 fn heif_files(folder: &Path) -> usize {
     // A folder that cannot be listed has its error elsewhere.
-    Listing::of(folder, 0, &HEIF_ENDINGS).map_or(0, |listing| listing.count())
+    let search = Search {
+        depth: 0,
+        endings: &HEIF_ENDINGS,
+        ..PHOTOS
+    };
+    search.list(folder).map_or(0, |listing| listing.count())
 }
 
 /// `listing` without the names of the `count` photos.
@@ -180,13 +188,15 @@ fn photo_files(folder: &Path, notes: &mut Vec<String>) -> Result<(PathBuf, Listi
         let inner = folder.join(name);
         if inner.is_dir() {
             // One that cannot be read is named with the other sub-folders.
-            let listing = Listing::of(&inner, MAX_DEPTH, &PHOTO_ENDINGS).unwrap_or_default();
+            let listing = PHOTOS.list(&inner).unwrap_or_default();
             if listing.count() > 0 {
                 return Ok((inner, listing));
             }
         }
     }
-    let mut all = Listing::of(folder, MAX_DEPTH, &PHOTO_ENDINGS)?;
+    let mut all = PHOTOS
+        .list(folder)
+        .map_err(|e| CaptureError::io("list", folder, e))?;
     let found = all.names.len();
     let is_direct = |name: &String| !name.contains('/');
     let is_unnamed_direct = |path: &PathBuf| path.parent() == Some(folder);

@@ -93,6 +93,9 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         None => None,
     };
     let mut gather = Gather::default();
+    if let Some(photos) = &named {
+        gather.leave_out(photos.left_out());
+    }
     for frame in &frames {
         let name = &frame.image.path;
         let photo = match &named {

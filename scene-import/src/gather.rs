@@ -58,9 +58,16 @@ pub(crate) struct Gather {
     pub(crate) views: Vec<Found>,
     pub(crate) notes: Vec<String>,
     pub(crate) dropped: Vec<Dropped>,
+    /// What could not be looked at for photos, a sentence each.
+    left_out: Vec<String>,
 }
 
 impl Gather {
+    /// Whoever uses photos that were looked for says so of those that could not be.
+    pub(crate) fn leave_out(&mut self, notes: &[String]) {
+        self.left_out.extend_from_slice(notes);
+    }
+
     pub(crate) fn drop_view(&mut self, name: impl Into<String>, why: impl Into<String>) {
         self.dropped.push(Dropped {
             name: name.into(),
@@ -77,11 +84,15 @@ impl Gather {
     ) -> Result<Imported, ImportError> {
         self.once_each();
         if self.views.is_empty() {
+            let besides = match self.left_out.first() {
+                Some(note) => format!(", and {note}"),
+                None => String::new(),
+            };
             return Err(ImportError::bad(
                 source,
                 match self.dropped.first() {
                     Some(first) => format!(
-                        "none of its {} views can be used; the first, {:?}, {}",
+                        "none of its {} views can be used; the first, {:?}, {}{besides}",
                         self.dropped.len(),
                         first.name,
                         first.why
@@ -91,6 +102,7 @@ impl Gather {
                 "put the photos where the file says, or name their folder with sos import --images",
             ));
         }
+        self.notes.append(&mut self.left_out);
         let mut all: Vec<(String, Found)> = {
             let photos: Vec<&Path> = self.views.iter().map(|view| &*view.photo).collect();
             names(&photos, source)?

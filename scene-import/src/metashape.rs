@@ -50,6 +50,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
 
     let photos = ByName::below(&detected.root, images)?;
     let mut gather = Gather::default();
+    gather.leave_out(photos.left_out());
     let mut sensors: HashMap<&str, Result<Camera, String>> = HashMap::new();
     for sensor in descendants(chunk, "sensors", "sensor") {
         let camera = camera_of(sensor);

@@ -1,7 +1,7 @@
 //! Finding photos: by the path a file states, by name, or all of a folder.
 
 use crate::error::ImportError;
-use io_colmap::{PICTURE_ENDINGS, is_picture};
+use io_colmap::{PICTURE_ENDINGS, Search, is_picture};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -62,6 +62,14 @@ impl<'a> Lookup<'a> {
         })
     }
 
+    /// What of the folder could not be looked at, a sentence each.
+    pub(crate) fn left_out(&self) -> &[String] {
+        match self {
+            Lookup::From(_) => &[],
+            Lookup::Named(photos) => photos.left_out(),
+        }
+    }
+
     pub(crate) fn find(&self, path: &str) -> Result<PathBuf, Missing> {
         match self {
             Lookup::From(root) => at_path(root, path).ok_or(NO_PHOTO),
@@ -103,6 +111,8 @@ pub(crate) struct ByName {
     /// By the ends of their paths, with and without ending, in small letters: `left/a.jpg`, `left/a`, `a.jpg`, `a`.
     /// `None` where two photos share it.
     paths: HashMap<String, Option<PathBuf>>,
+    /// What was left out, a sentence each.
+    left_out: Vec<String>,
 }
 
 impl ByName {
@@ -114,22 +124,34 @@ impl ByName {
             None if usual.is_dir() => &usual,
             None => root,
         };
-        let mut files = Vec::new();
-        list(folder, MAX_DEPTH, &mut files).map_err(|e| ImportError::io("list", folder, e))?;
-        files.sort();
+        let search = Search {
+            depth: MAX_DEPTH,
+            endings: &PICTURE_ENDINGS,
+            mask_folders: false,
+        };
+        let listing = search
+            .list(folder)
+            .map_err(|e| ImportError::io("list", folder, e))?;
         let mut paths: HashMap<String, Option<PathBuf>> = HashMap::new();
-        for path in files {
-            let below = path.strip_prefix(folder).unwrap_or(&path);
-            for end in ends(&below.to_string_lossy()) {
+        for name in &listing.names {
+            for end in ends(name) {
                 for key in with_and_without_ending(&end) {
                     paths
                         .entry(key.to_owned())
                         .and_modify(|known| *known = None)
-                        .or_insert_with(|| Some(path.clone()));
+                        .or_insert_with(|| Some(folder.join(name)));
                 }
             }
         }
-        Ok(ByName { paths })
+        Ok(ByName {
+            paths,
+            left_out: listing.notes("photos"),
+        })
+    }
+
+    /// What of the folder could not be looked at, a sentence each.
+    pub(crate) fn left_out(&self) -> &[String] {
+        &self.left_out
     }
 
     /// The photo with this name, with or without ending, whatever the case. Folders before it decide between photos of
@@ -163,25 +185,6 @@ fn with_and_without_ending(end: &str) -> impl Iterator<Item = &str> {
     let parted = end.rsplit_once('.');
     let stem = parted.filter(|(_, ending)| !ending.contains('/'));
     std::iter::once(end).chain(stem.map(|(stem, _)| stem))
-}
-
-fn list(folder: &Path, depth: usize, out: &mut Vec<PathBuf>) -> std::io::Result<()> {
-    for entry in std::fs::read_dir(folder)? {
-        let path = entry?.path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if name.starts_with('.') {
-            continue;
-        }
-        if path.is_dir() {
-            // Masks bear the names of photos.
-            if depth > 0 && !name.to_lowercase().contains("mask") {
-                list(&path, depth - 1, out)?;
-            }
-        } else if is_picture(&name) {
-            out.push(path);
-        }
-    }
-    Ok(())
 }
 
 /// The size of a photo as it is stored.

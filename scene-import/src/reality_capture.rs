@@ -46,6 +46,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         .from_reader(text.as_bytes());
     let photos = ByName::below(&detected.root, images)?;
     let mut gather = Gather::default();
+    gather.leave_out(photos.left_out());
     let mut header: Option<HashMap<String, usize>> = None;
     for record in reader.records() {
         let record = record.map_err(|e| {

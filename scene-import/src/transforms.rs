@@ -116,6 +116,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         );
     }
     let photos = Lookup::new(&detected.root, images)?;
+    gather.leave_out(photos.left_out());
     let mut masks = 0;
     for (i, frame) in file.frames.iter().enumerate() {
         let photo = match photos.find(&frame.file_path) {

@@ -56,6 +56,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
     let mut gather = Gather::default();
     let camera = camera(root, &mut gather.notes)?;
     let photos = Lookup::new(root, images)?;
+    gather.leave_out(photos.left_out());
     let list = root.join("rgb.txt");
     for (line, time, rest) in timed_lines(&list)? {
         let [name] = rest.as_slice() else {

@@ -96,6 +96,38 @@ fn masks_beside_the_photos_and_in_sorted_order() {
     assert!(error.contains("; name each mask like its photo"), "{error}");
 }
 
+#[cfg(unix)]
+#[test]
+fn a_closed_sub_folder_costs_no_mask_in_others() {
+    use std::fs::{self, Permissions};
+    use std::os::unix::fs::PermissionsExt as _;
+    let dir = tempfile::tempdir().unwrap();
+    let scene = scene(dir.path());
+    let masks = dir.path().join("masks");
+    let closed = [&masks, &scene.image_dir].map(|folder| folder.join("lost+found"));
+    for folder in &closed {
+        fs::create_dir_all(folder).unwrap();
+        fs::set_permissions(folder, Permissions::from_mode(0o000)).unwrap();
+    }
+    if fs::read_dir(&closed[0]).is_ok() {
+        eprintln!("skipped: this user may read every folder");
+        return;
+    }
+    let error = MaskSet::find(&masks, &scene, None).unwrap_err().to_string();
+    assert!(
+        error.contains("holds no masks") && error.contains("lost+found cannot be read"),
+        "{error}"
+    );
+    save(&masks, "p0.png", disc(64, 48, 255, 0));
+    let set = MaskSet::find(&masks, &scene, None).unwrap();
+    assert_eq!(set.paths[0], Some(masks.join("p0.png")));
+    let named = |note: &&String| note.contains("lost+found cannot be read and is left out");
+    assert_eq!(set.notes.iter().filter(named).count(), 1, "{:?}", set.notes);
+    for folder in &closed {
+        fs::set_permissions(folder, Permissions::from_mode(0o700)).unwrap();
+    }
+}
+
 #[test]
 fn polarity_is_found_jointly_and_can_be_stated() {
     let dir = tempfile::tempdir().unwrap();

@@ -114,6 +114,35 @@ fn stated_folders_decide_between_photos_of_one_name() {
     );
 }
 
+#[cfg(unix)]
+#[test]
+fn a_closed_sub_folder_is_left_out_and_named() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let dir = tempfile::tempdir().unwrap();
+    let scene = dir.path().join("scene");
+    fixtures::transforms(&scene, |_| ());
+    let photos = dir.path().join("photos");
+    let closed = photos.join("lost+found");
+    fs::create_dir_all(&closed).unwrap();
+    fs::set_permissions(&closed, fs::Permissions::from_mode(0o000)).unwrap();
+    if fs::read_dir(&closed).is_ok() {
+        eprintln!("skipped: this user may read every folder");
+        return;
+    }
+    let import = || read(&detect(&scene, None).unwrap(), Some(&photos));
+    let error = import().unwrap_err().to_string();
+    assert!(error.contains("lost+found cannot be read"), "{error}");
+    crate::rig::write_photos(&photos);
+    let imported = import().unwrap();
+    assert_eq!(imported.model.views.len(), 4);
+    assert!(
+        imported.notes[0].contains("lost+found cannot be read and is left out"),
+        "{:?}",
+        imported.notes
+    );
+    fs::set_permissions(&closed, fs::Permissions::from_mode(0o700)).unwrap();
+}
+
 #[test]
 fn photos_that_must_be_turned_are() {
     let dir = tempfile::tempdir().unwrap();
