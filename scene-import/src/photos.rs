@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 /// How deep sub-folders are searched.
 const MAX_DEPTH: usize = 4;
 
-/// The picture at a path that a file in `folder` states: as it is, with an ending it lacks, with
-/// either kind of slash, and, for absolute paths of another machine, by its last parts.
+/// The picture at a path that a file in `folder` states: as it is, with its ending in other letters or an ending it
+/// lacks, with either kind of slash, and, for absolute paths of another machine, by its last parts.
 pub(crate) fn at_path(folder: &Path, stated: &str) -> Option<PathBuf> {
     let stated = stated.trim().replace('\\', "/");
     if stated.is_empty() || stated.contains('\0') {
@@ -31,11 +31,32 @@ pub(crate) fn at_path(folder: &Path, stated: &str) -> Option<PathBuf> {
             return Some(base);
         }
         let name = base.file_name()?.to_str()?.to_owned();
-        PICTURE_ENDINGS
-            .iter()
-            .flat_map(|ending| [(*ending).to_owned(), ending.to_uppercase()])
-            .map(|ending| base.with_file_name(format!("{name}.{ending}")))
+        let stated = name.rsplit_once('.').filter(|_| is_picture(&name));
+        let stated = stated.into_iter();
+        let lacking = PICTURE_ENDINGS.iter().map(|ending| (&*name, *ending));
+        stated
+            .chain(lacking)
+            .flat_map(|(stem, ending)| spellings(stem, ending))
+            .map(|name| base.with_file_name(name))
             .find(|path| path.is_file())
+    })
+}
+
+/// A file's name with its ending in all mixtures of small and capital letters, from `jpg` to `JPG`.
+///
+/// They are tried one by one: to list a large folder for each of many photos that are not there takes longer.
+fn spellings(stem: &str, ending: &str) -> impl Iterator<Item = String> {
+    let small = ending.to_ascii_lowercase();
+    let stem = stem.to_owned();
+    (0..1_u32 << small.len()).map(move |capitals| {
+        let letters = small.char_indices().map(|(i, letter)| {
+            if (capitals >> i) & 1 == 1 {
+                letter.to_ascii_uppercase()
+            } else {
+                letter
+            }
+        });
+        format!("{stem}.{}", letters.collect::<String>())
     })
 }
 
@@ -217,6 +238,18 @@ mod tests {
         }
         for stated in ["", "images", "images/r_1", "\0", "/"] {
             assert_eq!(at_path(dir.path(), stated), None, "{stated:?}");
+        }
+        for (file, stated) in [
+            ("a.Jpg", "images/a"),
+            ("b.Jpeg", "images/b"),
+            ("c.jPG", "images/c.jpg"),
+            ("d.jpg", "/home/x/images/d.JPG"),
+        ] {
+            let photo = dir.path().join("images").join(file);
+            std::fs::write(&photo, "").unwrap();
+            // Where case does not count, the path is found as it is stated.
+            let found = at_path(dir.path(), stated).unwrap_or_else(|| panic!("{stated}"));
+            assert_eq!(found.canonicalize().unwrap(), photo.canonicalize().unwrap());
         }
         let names = ByName::below(dir.path(), None).unwrap();
         for label in ["r_0", "R_0.png", "r_0.jpg", "x/r_0.tif"] {
