@@ -6,7 +6,7 @@ use crate::error::{ImportError, load_text};
 use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
 use crate::lens::Frame;
-use crate::photos::{at_path, stored_size};
+use crate::photos::{Match, at_path, stored_size};
 use crate::pose;
 use glam::{DVec2, DVec3};
 use io_colmap::Pose;
@@ -40,14 +40,14 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
             )
         };
         let (camera_from_world, focal, centre, skew) = parse(&text).map_err(bad)?;
-        let (width, height) = stored_size(&photo)?;
+        let (width, height) = stored_size(&photo.photo)?;
         let size = DVec2::new(f64::from(width), f64::from(height));
         if centre.min_element() < 0.0 || (centre - size).max_element() > 0.0 {
             return Err(bad(format!(
                 "its optical axis meets the picture at ({}, {}), outside the {width}x{height} pixels of {}, so it is for pictures of another size",
                 centre.x,
                 centre.y,
-                photo.display()
+                photo.photo.display()
             )));
         }
         let frame = Frame {
@@ -77,7 +77,7 @@ fn stem(path: &Path) -> Option<String> {
     name.strip_suffix("_cam.txt").map(str::to_owned)
 }
 
-fn photo(root: &Path, stated: Option<&Path>, name: &str) -> Option<PathBuf> {
+fn photo(root: &Path, stated: Option<&Path>, name: &str) -> Option<Match> {
     let folders = match stated {
         Some(folder) => vec![folder.to_path_buf()],
         None => FOLDERS.iter().map(|folder| root.join(folder)).collect(),

@@ -8,7 +8,7 @@ use crate::error::ImportError;
 use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
 use crate::lens::Frame;
-use crate::photos::{ByName, NO_PHOTO};
+use crate::photos::{ByName, Match, NO_PHOTO};
 use crate::pose;
 use flate2::read::MultiGzDecoder;
 use glam::{DMat3, DVec2, DVec3};
@@ -99,8 +99,8 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
     for frame in &frames {
         let name = &frame.image.path;
         let photo = match &named {
-            Some(photos) => photos.find(name).map(Path::to_path_buf),
-            None => find(category, name).ok_or(NO_PHOTO),
+            Some(photos) => photos.find(name),
+            None => find(category, name).map(Match::by_place).ok_or(NO_PHOTO),
         };
         let photo = match photo {
             Ok(photo) => photo,
@@ -111,6 +111,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         };
         let Some(viewpoint) = &frame.viewpoint else {
             gather.drop_view(name, "has no pose");
+            gather.rivals.push(photo);
             continue;
         };
         let (camera, camera_from_world) =

@@ -2,10 +2,12 @@
 
 use crate::error::ImportError;
 use crate::format::Format;
+use crate::photos::Match;
 use glam::DVec3;
 use io_colmap::{Camera, Model, PhotoHeader, Pose, View};
 use rayon::prelude::*;
-use std::collections::HashSet;
+use std::cmp::Ordering;
+use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 
 /// Two sizes are the same picture up to resolution if they differ by no more than this.
@@ -40,12 +42,25 @@ pub struct Dropped {
     pub name: String,
     /// Why it was left out, as the end of a sentence: "has no photo".
     pub why: String,
+    /// How its file calls another view that the same photo may be of, where that is the reason.
+    pub rival: Option<String>,
+}
+
+impl Dropped {
+    /// Why it was left out, with the view that is the reason, as the end of a sentence.
+    #[must_use]
+    pub fn reason(&self) -> String {
+        match &self.rival {
+            Some(rival) => format!("{}: {rival}", self.why),
+            None => self.why.clone(),
+        }
+    }
 }
 
 /// A view as a reader finds it.
 #[derive(Debug, Clone)]
 pub(crate) struct Found {
-    pub(crate) photo: PathBuf,
+    pub(crate) photo: Match,
     pub(crate) mask: Option<PathBuf>,
     /// At the size it is stated for; the id does not matter.
     pub(crate) camera: Camera,
@@ -58,6 +73,8 @@ pub(crate) struct Gather {
     pub(crate) views: Vec<Found>,
     pub(crate) notes: Vec<String>,
     pub(crate) dropped: Vec<Dropped>,
+    /// Photos of views that are left out: what is stated of these may be as near to them as what a view states.
+    pub(crate) rivals: Vec<Match>,
     /// What could not be looked at for photos, a sentence each.
     left_out: Vec<String>,
 }
@@ -72,6 +89,7 @@ impl Gather {
         self.dropped.push(Dropped {
             name: name.into(),
             why: why.into(),
+            rival: None,
         });
     }
 
@@ -95,7 +113,7 @@ impl Gather {
                         "none of its {} views can be used; the first, {:?}, {}{besides}",
                         self.dropped.len(),
                         first.name,
-                        first.why
+                        first.reason()
                     ),
                     None => "it lists no views".to_owned(),
                 },
@@ -104,7 +122,8 @@ impl Gather {
         }
         self.notes.append(&mut self.left_out);
         let mut all: Vec<(String, Found)> = {
-            let photos: Vec<&Path> = self.views.iter().map(|view| &*view.photo).collect();
+            let views = self.views.iter();
+            let photos: Vec<&Path> = views.map(|view| &*view.photo.photo).collect();
             names(&photos, source)?
                 .into_iter()
                 .zip(self.views.drain(..))
@@ -123,7 +142,7 @@ impl Gather {
                 camera_id,
                 camera_from_world: found.camera_from_world,
             });
-            photos.push(found.photo);
+            photos.push(found.photo.photo);
             masks.push(found.mask);
         }
         Ok(Imported {
@@ -137,24 +156,54 @@ impl Gather {
         })
     }
 
-    /// A photo that is listed again keeps its first pose.
+    /// A photo is of the view that states its path best. If it is listed again it keeps its first pose, and where
+    /// several paths fit it alike, as those of two folders do where it is in neither, nobody knows whose it is.
     fn once_each(&mut self) {
+        let verdicts = self.verdicts();
         let mut seen = HashSet::new();
-        for view in std::mem::take(&mut self.views) {
-            if seen.insert(view.photo.clone()) {
+        for (view, verdict) in std::mem::take(&mut self.views).into_iter().zip(verdicts) {
+            if let Some((why, rival)) = verdict {
+                self.dropped.push(Dropped {
+                    name: view.photo.stated,
+                    why: why.to_owned(),
+                    rival: Some(rival),
+                });
+            } else if seen.insert(plain(&view.photo.photo)) {
                 self.views.push(view);
             } else {
-                let name = view.photo.display().to_string();
+                let name = view.photo.photo.display().to_string();
                 self.drop_view(name, "is listed twice");
             }
         }
+    }
+
+    /// For each view that has its photo by its name, but not alone: why that is not its own, and whose it may be.
+    fn verdicts(&self) -> Vec<Option<(&'static str, String)>> {
+        let all = || self.views.iter().map(|view| &view.photo);
+        let mut sharing: HashMap<PathBuf, Vec<&Match>> = HashMap::new();
+        for found in all().chain(&self.rivals) {
+            sharing.entry(plain(&found.photo)).or_default().push(found);
+        }
+        let verdict = |own: &Match| {
+            let sharing = &sharing[&plain(&own.photo)];
+            let others = sharing.iter().filter(|other| !other.is_again(own));
+            // The first of the best.
+            let rival = others.rev().max_by_key(|other| other.fit)?;
+            let why = match rival.fit.cmp(&own.fit) {
+                Ordering::Less => return None,
+                Ordering::Equal => "has only a photo that another view fits as well",
+                Ordering::Greater => "has no photo but one that another view fits better",
+            };
+            Some((why, rival.stated.clone()))
+        };
+        all().map(verdict).collect()
     }
 
     /// Scales every camera to its photo, or says which photo cannot be its.
     fn fit_to_photos(&mut self, views: &mut [(String, Found)]) -> Result<(), ImportError> {
         let headers: Vec<PhotoHeader> = views
             .par_iter()
-            .map(|(_, view)| PhotoHeader::read(&view.photo))
+            .map(|(_, view)| PhotoHeader::read(&view.photo.photo))
             .collect::<Result<_, _>>()?;
         let (mut scaled, mut example, mut turned, mut kept) = (0, None, 0, 0);
         for ((_, view), header) in views.iter_mut().zip(headers) {
@@ -171,7 +220,7 @@ impl Gather {
             }
             if !same_shape(size, stated) {
                 return Err(ImportError::bad(
-                    &view.photo,
+                    &view.photo.photo,
                     format!(
                         "the photo is {}x{} but its camera is for {}x{}, another shape",
                         size.0, size.1, stated.0, stated.1

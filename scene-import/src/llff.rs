@@ -9,7 +9,7 @@ use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
 use crate::lens::Frame;
 use crate::npy::read_npy;
-use crate::photos::in_folder;
+use crate::photos::{Match, in_folder};
 use crate::pose;
 use glam::{DMat3, DVec3};
 use io_colmap::{Camera, Pose};
@@ -48,7 +48,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
             )
         })?;
         gather.views.push(Found {
-            photo,
+            photo: Match::by_place(photo),
             mask: None,
             camera,
             camera_from_world,

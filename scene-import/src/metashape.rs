@@ -87,22 +87,27 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
 
     for camera in descendants(chunk, "cameras", "camera") {
         let label = camera.attribute("label").unwrap_or_default();
+        let found = photos.find(label);
+        let mut leave_out = |why| {
+            gather.drop_view(label, why);
+            gather.rivals.extend(found.clone());
+        };
         let Some(transform) = child(camera, "transform") else {
-            gather.drop_view(label, "was not aligned");
+            leave_out("was not aligned");
             continue;
         };
         if camera
             .attribute("enabled")
             .is_some_and(|word| ["false", "0"].contains(&word))
         {
-            gather.drop_view(label, "is disabled");
+            leave_out("is disabled");
             continue;
         }
         if camera.attribute("component_id").unwrap_or_default() != largest {
-            gather.drop_view(label, "belongs to another component than most");
+            leave_out("belongs to another component than most");
             continue;
         }
-        let photo = match photos.find(label) {
+        let photo = match found {
             Ok(photo) => photo,
             Err(why) => {
                 gather.drop_view(label, why);
@@ -124,7 +129,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         let camera_from_world = pose_of(transform, &world)
             .map_err(|what| fail(camera, format!("the pose of {label:?}: {what}")))?;
         gather.views.push(Found {
-            photo: photo.to_path_buf(),
+            photo,
             mask: None,
             camera: lens,
             camera_from_world,

@@ -8,7 +8,7 @@ use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
 use crate::lens::Frame;
 use crate::npy::{Array, read_npz};
-use crate::photos::{first_folder, in_folder, stored_size};
+use crate::photos::{Match, first_folder, in_folder, stored_size};
 use crate::pose;
 use glam::{DMat3, DVec2, DVec3};
 use io_colmap::Pose;
@@ -79,7 +79,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         gather.views.push(Found {
             // By the photo's place: a camera's number counts photos that are gone too.
             mask: matched.as_ref().map(|masks| masks[order].clone()),
-            photo,
+            photo: Match::by_place(photo),
             camera: frame.perspective([0.0; 4], [0.0; 2]).map_err(bad)?,
             camera_from_world: projection.camera_from_world,
         });

@@ -10,25 +10,36 @@ const MAX_DEPTH: usize = 4;
 
 /// The picture at a path that a file in `folder` states: as it is, with its ending in other letters or an ending it
 /// lacks, with either kind of slash, and, for absolute paths of another machine, by its last parts.
-pub(crate) fn at_path(folder: &Path, stated: &str) -> Option<PathBuf> {
+pub(crate) fn at_path(folder: &Path, stated: &str) -> Option<Match> {
+    let label = stated;
     let stated = stated.trim().replace('\\', "/");
     if stated.is_empty() || stated.contains('\0') {
         return None;
     }
     let parts: Vec<&str> = stated.split('/').filter(|part| !part.is_empty()).collect();
     let absolute = stated.starts_with('/') || stated.as_bytes().get(1) == Some(&b':');
-    let mut bases = vec![folder.join(&stated)];
+    let mut bases = vec![(folder.join(&stated), Fit::EXACT)];
     if absolute {
         // The scene was moved: images/a.jpg, then a.jpg.
         for count in [2, 1] {
             if let Some(tail) = parts.len().checked_sub(count) {
-                bases.push(folder.join(parts[tail..].join("/")));
+                let fit = Fit {
+                    parts: count,
+                    whole: false,
+                    ending: true,
+                };
+                bases.push((folder.join(parts[tail..].join("/")), fit));
             }
         }
     }
-    bases.into_iter().find_map(|base| {
+    bases.into_iter().find_map(|(base, fit)| {
+        let found = |photo: PathBuf| Match {
+            photo,
+            stated: label.to_owned(),
+            fit,
+        };
         if base.is_file() {
-            return Some(base);
+            return Some(found(base));
         }
         let name = base.file_name()?.to_str()?.to_owned();
         let stated = name.rsplit_once('.').filter(|_| is_picture(&name));
@@ -39,6 +50,7 @@ pub(crate) fn at_path(folder: &Path, stated: &str) -> Option<PathBuf> {
             .flat_map(|(stem, ending)| spellings(stem, ending))
             .map(|name| base.with_file_name(name))
             .find(|path| path.is_file())
+            .map(found)
     })
 }
 
@@ -58,6 +70,52 @@ fn spellings(stem: &str, ending: &str) -> impl Iterator<Item = String> {
         });
         format!("{stem}.{}", letters.collect::<String>())
     })
+}
+
+/// A photo, and what it was found by.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Match {
+    pub(crate) photo: PathBuf,
+    /// As the file states it.
+    pub(crate) stated: String,
+    pub(crate) fit: Fit,
+}
+
+impl Match {
+    /// A photo that is nobody else's: by its place in a folder, not by name.
+    pub(crate) fn by_place(photo: PathBuf) -> Self {
+        Self {
+            stated: photo.display().to_string(),
+            photo,
+            fit: Fit::EXACT,
+        }
+    }
+
+    /// Whether the same path is stated, if two are of one photo.
+    pub(crate) fn is_again(&self, other: &Self) -> bool {
+        let both_exact = self.fit == Fit::EXACT && other.fit == Fit::EXACT;
+        both_exact || plain(&self.stated) == plain(&other.stated)
+    }
+}
+
+/// How well a stated path fits a photo's; more is better.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Fit {
+    /// How many names at their ends are the same: the photo's and those of folders.
+    parts: usize,
+    /// No more folders are stated.
+    whole: bool,
+    /// The ending is the same too.
+    ending: bool,
+}
+
+impl Fit {
+    /// The path leads to the photo and to no other.
+    const EXACT: Self = Self {
+        parts: usize::MAX,
+        whole: true,
+        ending: true,
+    };
 }
 
 /// Why a view has no photo, as the end of a sentence.
@@ -91,10 +149,10 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    pub(crate) fn find(&self, path: &str) -> Result<PathBuf, Missing> {
+    pub(crate) fn find(&self, path: &str) -> Result<Match, Missing> {
         match self {
             Lookup::From(root) => at_path(root, path).ok_or(NO_PHOTO),
-            Lookup::Named(photos) => photos.find(path).map(Path::to_path_buf),
+            Lookup::Named(photos) => photos.find(path),
         }
     }
 }
@@ -177,26 +235,43 @@ impl ByName {
 
     /// The photo with this name, with or without ending, whatever the case. Folders before it decide between photos of
     /// one name, the more of them the better; where none fits, as in a scene that was moved, the name does alone.
-    pub(crate) fn find(&self, label: &str) -> Result<&Path, Missing> {
+    pub(crate) fn find(&self, label: &str) -> Result<Match, Missing> {
         for end in ends(label) {
             // A label may have lost its ending or got another one by conversion.
             let known = with_and_without_ending(&end).find_map(|key| self.paths.get(key));
             if let Some(photo) = known {
                 // With fewer folders there would be even more of them.
-                return photo.as_deref().ok_or(SEVERAL);
+                let photo = photo.clone().ok_or(SEVERAL)?;
+                let name = photo.file_name().unwrap_or_default().to_string_lossy();
+                let fit = Fit {
+                    parts: end.split('/').count(),
+                    whole: end == plain(label),
+                    ending: plain(&name) == end.rsplit('/').next().unwrap_or_default(),
+                };
+                return Ok(Match {
+                    photo,
+                    stated: label.to_owned(),
+                    fit,
+                });
             }
         }
         Err(NO_PHOTO)
     }
 }
 
+/// A stated path in small letters, with one kind of slash.
+fn plain(path: &str) -> String {
+    let path = path.replace('\\', "/").to_lowercase();
+    let parts = path
+        .split('/')
+        .filter(|part| !part.is_empty() && *part != ".");
+    parts.collect::<Vec<_>>().join("/")
+}
+
 /// The ends of a path in small letters, from all of it to its name alone.
 fn ends(path: &str) -> Vec<String> {
-    let path = path.replace('\\', "/").to_lowercase();
-    let parts: Vec<&str> = path
-        .split('/')
-        .filter(|part| !part.is_empty() && *part != ".")
-        .collect();
+    let path = plain(path);
+    let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
     (parts.len().saturating_sub(MAX_DEPTH + 1)..parts.len())
         .map(|from| parts[from..].join("/"))
         .collect()
@@ -234,7 +309,8 @@ mod tests {
             "/home/x/images/r_0",
         ] {
             let found = at_path(dir.path(), stated).unwrap_or_else(|| panic!("{stated}"));
-            assert_eq!(found.canonicalize().unwrap(), photo.canonicalize().unwrap());
+            let found = found.photo.canonicalize().unwrap();
+            assert_eq!(found, photo.canonicalize().unwrap());
         }
         for stated in ["", "images", "images/r_1", "\0", "/"] {
             assert_eq!(at_path(dir.path(), stated), None, "{stated:?}");
@@ -249,11 +325,13 @@ mod tests {
             std::fs::write(&photo, "").unwrap();
             // Where case does not count, the path is found as it is stated.
             let found = at_path(dir.path(), stated).unwrap_or_else(|| panic!("{stated}"));
-            assert_eq!(found.canonicalize().unwrap(), photo.canonicalize().unwrap());
+            let found = found.photo.canonicalize().unwrap();
+            assert_eq!(found, photo.canonicalize().unwrap());
         }
         let names = ByName::below(dir.path(), None).unwrap();
         for label in ["r_0", "R_0.png", "r_0.jpg", "x/r_0.tif"] {
-            assert_eq!(names.find(label), Ok(&*photo), "{label}");
+            let found = names.find(label).map(|found| found.photo);
+            assert_eq!(found.as_ref(), Ok(&photo), "{label}");
         }
         assert_eq!(names.find("r_1"), Err(NO_PHOTO));
     }

@@ -89,9 +89,9 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         let p = [value("t1")?, value("t2")?];
         let inner = [value("f")?, value("px")?, value("py")?];
         gather.views.push(Found {
-            photo: photo.to_path_buf(),
             mask: None,
-            camera: camera(stored_size(photo)?, inner, k, p).map_err(bad)?,
+            camera: camera(stored_size(&photo.photo)?, inner, k, p).map_err(bad)?,
+            photo,
             camera_from_world: pose_of(centre, angles).map_err(bad)?,
         });
     }

@@ -137,13 +137,13 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         let lens = frame.lens.over(&file.lens);
         let camera = match (lens.w, lens.h) {
             (Some(w), Some(h)) => camera(&lens, (whole(w).map_err(bad)?, whole(h).map_err(bad)?)),
-            _ => camera(&lens, stored_size(&photo)?),
+            _ => camera(&lens, stored_size(&photo.photo)?),
         }
         .map_err(bad)?;
         let mask = match &frame.mask_path {
             None => None,
             Some(stated) => {
-                let found = at_path(&detected.root, stated);
+                let found = at_path(&detected.root, stated).map(|found| found.photo);
                 if found.is_none() {
                     gather.notes.push(format!("the mask {stated} is missing"));
                 }

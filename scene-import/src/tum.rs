@@ -76,6 +76,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         };
         let Some(camera_from_world) = pose_at(&samples, time) else {
             gather.drop_view(name, "has no pose near its time");
+            gather.rivals.push(photo);
             continue;
         };
         let camera_from_world = camera_from_world

@@ -2,7 +2,7 @@
 
 use crate::alpha;
 use crate::error::ImportError;
-use crate::gather::Imported;
+use crate::gather::{Dropped, Imported};
 use crate::masks::{Chosen, MaskOptions, mask_path, save};
 use draft_folder::{Draft, Occupant};
 use io_colmap::{Model, PhotoHeader, Scene, picture_error, read_photo};
@@ -164,7 +164,11 @@ impl Imported {
             text.push_str(&format!("- {note}\n"));
         }
         for dropped in &self.dropped {
-            text.push_str(&format!("- left out: {} {}\n", dropped.name, dropped.why));
+            text.push_str(&format!(
+                "- left out: {} {}\n",
+                dropped.name,
+                dropped.reason()
+            ));
         }
         text
     }
@@ -172,18 +176,21 @@ impl Imported {
     /// One sentence for each reason for which views were left out, with an example.
     #[must_use]
     pub fn dropped_sentences(&self) -> Vec<String> {
-        let mut reasons: Vec<(&str, usize, &str)> = Vec::new();
+        let mut examples: Vec<(&Dropped, usize)> = Vec::new();
         for dropped in &self.dropped {
-            match reasons.iter_mut().find(|(why, ..)| *why == dropped.why) {
-                Some((_, count, _)) => *count += 1,
-                None => reasons.push((&dropped.why, 1, &dropped.name)),
+            match examples.iter_mut().find(|(it, _)| it.why == dropped.why) {
+                Some((_, count)) => *count += 1,
+                None => examples.push((dropped, 1)),
             }
         }
-        reasons
+        examples
             .into_iter()
-            .map(|(why, count, example)| match count {
-                1 => format!("left out: {example} {why}"),
-                _ => format!("{count} views are left out: {example}, for one, {why}"),
+            .map(|(example, count)| {
+                let (name, reason) = (&example.name, example.reason());
+                match count {
+                    1 => format!("left out: {name} {reason}"),
+                    _ => format!("{count} views are left out: {name}, for one, {reason}"),
+                }
             })
             .collect()
     }

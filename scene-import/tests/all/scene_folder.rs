@@ -114,6 +114,60 @@ fn stated_folders_decide_between_photos_of_one_name() {
     );
 }
 
+#[test]
+fn a_photo_goes_to_the_view_that_states_its_path_best() {
+    let dir = tempfile::tempdir().unwrap();
+    let (scene, photos) = (dir.path().join("scene"), dir.path().join("photos"));
+    let import = |stated: [&str; 4], files: &[&str]| {
+        fixtures::transforms(&scene, |file| {
+            for (i, path) in stated.into_iter().enumerate() {
+                file["frames"][i]["file_path"] = path.into();
+            }
+        });
+        let _ = fs::remove_dir_all(&photos);
+        for name in files {
+            crate::rig::write_photo(&photos.join(name), WIDTH, HEIGHT);
+        }
+        read(&detect(&scene, None).unwrap(), Some(&photos)).unwrap()
+    };
+    let eye = |i: usize| eyes()[i].centre;
+    let centre = |imported: &Imported| imported.model.views[0].camera_from_world.centre();
+
+    // The second view has its photo, which the first one shares the name with.
+    let stated = ["cam2/a.png", "cam1/a.png", "b.png", "b.png"];
+    let imported = import(stated, &["cam1/a.png", "b.png"]);
+    assert_eq!(names(&imported), ["b.png", "cam1/a.png"]);
+    let pose = imported.model.views[1].camera_from_world;
+    assert!(pose.centre().distance(eye(1)) < 1e-6, "{pose:?}");
+    let b = photos.join("b.png").display().to_string();
+    assert_eq!(
+        imported.dropped_sentences(),
+        [
+            "left out: cam2/a.png has no photo but one that another view fits better: cam1/a.png",
+            &*format!("left out: {b} is listed twice"),
+        ]
+    );
+    // Where none has it, both may.
+    let imported = import(stated, &["a.png", "b.png"]);
+    assert_eq!(names(&imported), ["b.png"]);
+    assert!(centre(&imported).distance(eye(2)) < 1e-6);
+    let said = "2 views are left out: cam2/a.png, for one, has only a photo that another view fits as well: cam1/a.png";
+    assert_eq!(imported.dropped_sentences()[0], said);
+    // Somebody put it there for the one that states no folder.
+    let imported = import(["cam1/a.png", "a.png", "b.png", "c.png"], &["a.png"]);
+    assert!(centre(&imported).distance(eye(1)) < 1e-6);
+    // Absolute paths of another machine are no different.
+    fixtures::transforms(&scene, |file| {
+        file["frames"][0]["file_path"] = "/x/cam1/a.png".into();
+        file["frames"][1]["file_path"] = "/x/cam2/a.png".into();
+    });
+    crate::rig::write_photo(&scene.join("a.png"), WIDTH, HEIGHT);
+    let imported = read(&detect(&scene, None).unwrap(), None).unwrap();
+    assert_eq!(names(&imported), ["0003.png", "0004.png"]);
+    let record = imported.dropped[1].reason();
+    assert!(record.ends_with("as well: /x/cam1/a.png"), "{record}");
+}
+
 #[cfg(unix)]
 #[test]
 fn a_closed_sub_folder_is_left_out_and_named() {
