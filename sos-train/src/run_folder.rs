@@ -62,6 +62,8 @@ pub enum Existing {
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     root: PathBuf,
+    /// Whether it was not there before.
+    is_new: bool,
     /// What is still to be done before the first file is written.
     pending: Arc<Mutex<Option<Pending>>>,
     /// Of whoever makes the run, not of those who look at it.
@@ -83,6 +85,7 @@ impl RunFolder {
     /// holds anything else than a scene that an earlier run has left, or if it cannot be written to.
     pub fn create(path: &Path, existing: Existing) -> Result<Self, RunError> {
         let mut replace = false;
+        let mut is_new = false;
         match fs::read_dir(path) {
             Ok(entries) => {
                 let names: Vec<String> = entries
@@ -106,7 +109,7 @@ impl RunFolder {
                     });
                 }
             }
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) if error.kind() == io::ErrorKind::NotFound => is_new = true,
             Err(_) if path.is_file() => {
                 return Err(RunError::NotAFolder {
                     path: path.to_path_buf(),
@@ -116,6 +119,7 @@ impl RunFolder {
         }
         let run = Self {
             root: path.to_path_buf(),
+            is_new,
             pending: Arc::new(Mutex::new(Some(Pending {
                 replace,
                 config: None,
@@ -155,6 +159,7 @@ impl RunFolder {
     fn open(path: &Path) -> Self {
         Self {
             root: path.to_path_buf(),
+            is_new: false,
             pending: Arc::default(),
             lock: None,
         }
@@ -202,7 +207,7 @@ impl RunFolder {
     }
 
     /// Takes back what was written, after input that turned out to be unusable: results if any were
-    /// begun, and the scene if the run made it. The folder goes too if it is empty then.
+    /// begun, and the scene if the run made it. The folder goes too if the run made it and it is empty then.
     ///
     /// # Errors
     /// [`RunError::Io`].
@@ -221,8 +226,11 @@ impl RunFolder {
         if let Some(lock) = &self.lock {
             lock.remove_file();
         }
-        // Refused for a folder with anything in it, which is the point.
-        let _ = fs::remove_dir(&self.root);
+        // One that was there may be the one that a shell is in.
+        if self.is_new {
+            // Refused for a folder with anything in it, which is the point.
+            let _ = fs::remove_dir(&self.root);
+        }
         Ok(())
     }
 

@@ -91,7 +91,7 @@ pub(super) fn import_for_run(
     let made = free_scene_dir(&run, may_replace)
         .and_then(|()| write_into_run(&imported, &run, plan, plan.masks.clone(), screen));
     let masks_dir = made.inspect_err(|_| {
-        // An empty folder goes, what an earlier run left stays. The error that is on its way says
+        // A new folder goes, what was there stays. The error that is on its way says
         // more than one from tidying up.
         let _ = run.abandon(false);
     })?;

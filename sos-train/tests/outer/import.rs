@@ -229,6 +229,15 @@ fn scenes_that_cannot_be_imported_leave_nothing() {
         &train(&["--label", "7", "--masks", "fox/coarse_masks"]),
         &["label 7"],
     );
+    // Neither does it take anything away: the folder may be the one that a shell is in.
+    let here = dir.path().join("here");
+    fs::create_dir(&here).unwrap();
+    let stated = here.to_str().unwrap();
+    refused(
+        &here,
+        &["train", "../fox", "--out", stated, "--masks", "alpha"],
+        &["alpha channel"],
+    );
     // A scene folder that no run made is left alone.
     fs::create_dir_all(dir.path().join("run/checkpoint")).unwrap();
     fs::create_dir_all(dir.path().join("run/scene")).unwrap();
