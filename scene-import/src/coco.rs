@@ -6,7 +6,7 @@ use crate::{polygon, run_lengths};
 use image::{GrayImage, Luma};
 use serde::Deserialize;
 use serde_json::Value;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 
 #[derive(Debug, Deserialize)]
@@ -99,9 +99,18 @@ pub(crate) fn draw(
         ));
     }
     let pictures = by_name(&file.images);
+    let shared = shared_names(photos);
+    let mut unknown = Vec::new();
     let mut masks = Vec::with_capacity(photos.len());
     for photo in photos {
-        let picture = find(&pictures, photo.name);
+        let picture = match find(&pictures, photo.name) {
+            // Whose picture it is, only its folders could say.
+            Some((picture, key)) if key != full_name(photo.name) && shared.contains(&key) => {
+                unknown.push((photo.name, &picture.file_name));
+                None
+            }
+            found => found.map(|(picture, _)| picture),
+        };
         let parts = picture.and_then(|picture| outlines.get(&picture.id.to_string()));
         masks.push(match (picture, parts) {
             (Some(picture), Some(parts)) => {
@@ -115,6 +124,12 @@ pub(crate) fn draw(
             }
             _ => None,
         });
+    }
+    if let Some((name, picture)) = unknown.first() {
+        notes.push(format!(
+            "{} photos have no outline as others bear their names too and the file states no folders: {name}, for one, may be its {picture} or not",
+            unknown.len()
+        ));
     }
     if masks.iter().all(Option::is_none) {
         return Err(ImportError::bad(
@@ -196,14 +211,38 @@ fn by_name(pictures: &[Picture]) -> HashMap<String, Option<&Picture>> {
     map
 }
 
-fn find<'a>(pictures: &HashMap<String, Option<&'a Picture>>, name: &str) -> Option<&'a Picture> {
+/// The picture of a photo, and the name it was found by.
+fn find<'a>(
+    pictures: &HashMap<String, Option<&'a Picture>>,
+    name: &str,
+) -> Option<(&'a Picture, String)> {
     keys(name)
-        .iter()
-        .find_map(|key| pictures.get(key).copied().flatten())
+        .into_iter()
+        .find_map(|key| Some((pictures.get(&key).copied().flatten()?, key)))
+}
+
+/// Names without folders, with and without ending, that several photos bear.
+fn shared_names(photos: &[Wanted<'_>]) -> HashSet<String> {
+    let mut seen = HashSet::new();
+    let mut shared = HashSet::new();
+    for photo in photos {
+        let [full, base, stem] = keys(photo.name);
+        // Of a photo without folders or ending two of these are one.
+        for name in HashSet::from([full, base, stem]) {
+            if !seen.insert(name.clone()) {
+                shared.insert(name);
+            }
+        }
+    }
+    shared
+}
+
+fn full_name(name: &str) -> String {
+    name.replace('\\', "/")
 }
 
 fn keys(name: &str) -> [String; 3] {
-    let full = name.replace('\\', "/");
+    let full = full_name(name);
     let base = full.rsplit('/').next().unwrap_or_default().to_owned();
     let stem = base
         .rsplit_once('.')

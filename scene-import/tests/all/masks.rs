@@ -218,6 +218,39 @@ fn coco_files_may_begin_with_a_byte_order_mark() {
 }
 
 #[test]
+fn a_coco_picture_without_folders_is_no_photos_that_share_its_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let stated = ["images/left/a.png", "images/right/a.png"];
+    fixtures::transforms(dir.path(), |file| {
+        for (i, path) in stated.into_iter().enumerate() {
+            file["frames"][i]["file_path"] = path.into();
+        }
+    });
+    for path in stated {
+        crate::rig::write_photo(&dir.path().join(path), WIDTH, HEIGHT);
+    }
+    let file = dir.path().join("coco.json");
+    let outline = json!([[20, 10, 70, 10, 70, 50, 20, 50]]);
+    let import_with = |name: &str| {
+        let content = json!({
+            "images": [{"id": 1, "file_name": name}, {"id": 2, "file_name": "0003"}],
+            "annotations": [
+                {"image_id": 1, "segmentation": outline}, {"image_id": 2, "segmentation": outline},
+            ],
+        });
+        fs::write(&file, content.to_string()).unwrap();
+        import(dir.path(), &from(&file)).unwrap()
+    };
+    let (written, out) = import_with("a.png");
+    assert_written(&out, &["0003"]);
+    let says = "2 photos have no outline as others bear their names too and the file states no folders: left/a.png";
+    let said = written.notes.iter().any(|note| note.contains(says));
+    assert!(said, "{:?}", written.notes);
+    let (written, _) = import_with("right/a.png");
+    assert_eq!(written.masks, 2);
+}
+
+#[test]
 fn coco_files_for_other_photos_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     fixtures::transforms(dir.path(), |_| {});
