@@ -20,7 +20,7 @@ pub struct NeusParameters {
 impl NeusParameters {
     /// The slope that the opacity is computed with, never above zero:
     /// `-(relu(-slope/2 + 1/2) (1 - anneal) + relu(-slope) anneal)`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn annealed_slope(&self, slope: f32) -> f32 {
         let soft = (0.5 - 0.5 * slope).max(0.0);
         let hard = (-slope).max(0.0);
@@ -36,7 +36,7 @@ impl NeusParameters {
     }
 
     /// [`neus_log_survival`] with the constant's logarithm taken once for many samples.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn log_survival(&self, sdf: f32, slope: f32, dt: f32, log_epsilon: f32) -> f32 {
         let half = 0.5 * dt * self.annealed_slope(slope);
         let s = self.sharpness;

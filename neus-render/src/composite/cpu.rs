@@ -10,6 +10,7 @@ use tensor_slices::Stopwatch;
 use super::{
     CompositeConfig, LEAST_SURVIVAL, MatteRole, Packing, background_column, column, object_column,
     opacity::{Kernel, Opacity},
+    survival::Logs,
     visibility::Light,
 };
 use crate::alpha::NeusParameters;
@@ -51,8 +52,10 @@ pub(crate) fn forward(batch: &Batch<'_>) -> Vec<f32> {
     out.par_chunks_mut(CHUNK * column::COUNT)
         .enumerate()
         .for_each(|(chunk, out)| {
+            let first = chunk * CHUNK;
+            let logs = Logs::of(batch, first..first + out.len() / column::COUNT);
             for (i, pixel) in out.chunks_exact_mut(column::COUNT).enumerate() {
-                batch.render(chunk * CHUNK + i, pixel);
+                batch.render(first + i, &logs, pixel);
             }
         });
     out
@@ -74,9 +77,10 @@ pub(crate) fn backward(batch: &Batch<'_>, grad: &[f32]) -> Gradients {
         .into_par_iter()
         .map_init(Vec::new, |steps, mut part| {
             let mut sharpness = [0.0; 2];
+            let logs = Logs::of(batch, part.rays.clone());
             for ray in part.rays.clone() {
                 let grad = &grad[ray * column::COUNT..(ray + 1) * column::COUNT];
-                let sums = batch.ray_backward(ray, grad, steps, &mut part);
+                let sums = batch.ray_backward(ray, &logs, grad, steps, &mut part);
                 sharpness[0] += sums[0];
                 sharpness[1] += sums[1];
             }
@@ -215,14 +219,24 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// Visits the intervals of a ray from front to back.
-    #[inline]
-    pub(super) fn walk(&self, ray: usize, light: Light, mut visit: impl FnMut(Step)) -> Remainder {
-        let packing = self.packing;
-        let kernels = [
+    /// Of object and background.
+    pub(super) fn kernels(&self) -> [Kernel; 2] {
+        [
             Kernel::new(self.config.object, self.neus(self.sharpness[0])),
             Kernel::new(self.config.background, self.neus(self.sharpness[1])),
-        ];
+        ]
+    }
+
+    /// Visits the intervals of a ray, one of those that `logs` is of, from front to back.
+    #[inline]
+    pub(super) fn walk(
+        &self,
+        ray: usize,
+        light: Light,
+        logs: &Logs,
+        mut visit: impl FnMut(Step),
+    ) -> Remainder {
+        let packing = self.packing;
         let mut object_row = packing.object_offsets()[ray] as usize;
         let object_end = packing.object_offsets()[ray + 1] as usize;
         let mut background_row = packing.background_offsets()[ray] as usize;
@@ -233,7 +247,6 @@ impl<'a> Batch<'a> {
         };
         let range = packing.ray_offsets()[ray] as usize..packing.ray_offsets()[ray + 1] as usize;
         for interval in range {
-            let dt = packing.dt()[interval];
             let mut step = Step {
                 interval,
                 object_row: None,
@@ -246,8 +259,7 @@ impl<'a> Batch<'a> {
             };
             if object_row < object_end && packing.object()[object_row] as usize == interval {
                 let row = &self.object[object_row * self.object_width..];
-                let log =
-                    kernels[0].log_survival(row[object_column::SDF], row[object_column::SLOPE], dt);
+                let log = logs.object(object_row);
                 let matte = match self.config.matte {
                     MatteRole::Opacity => row[object_column::MATTE],
                     MatteRole::Unused | MatteRole::Colour => 1.0,
@@ -259,12 +271,7 @@ impl<'a> Batch<'a> {
             if background_row < background_end
                 && packing.background()[background_row] as usize == interval
             {
-                let row = &self.background[background_row * self.background_width..];
-                let log = kernels[1].log_survival(
-                    row[background_column::SDF],
-                    row[background_column::SLOPE],
-                    dt,
-                );
+                let log = logs.background(background_row);
                 step.background = Opacity::new(log, 1.0);
                 step.background_row = Some(background_row);
                 background_row += 1;
@@ -279,8 +286,8 @@ impl<'a> Batch<'a> {
         rest
     }
 
-    fn render(&self, ray: usize, pixel: &mut [f32]) {
-        let rest = self.walk(ray, Light::ALL, |step| {
+    fn render(&self, ray: usize, logs: &Logs, pixel: &mut [f32]) {
+        let rest = self.walk(ray, Light::ALL, logs, |step| {
             let t = self.packing.t()[step.interval];
             let (w_f, w_b) = (step.object_weight(), step.background_weight());
             if let Some(row) = step.object_row {
@@ -348,16 +355,15 @@ impl<'a> Batch<'a> {
     fn ray_backward(
         &self,
         ray: usize,
+        logs: &Logs,
         grad: &[f32],
         steps: &mut Vec<Step>,
         part: &mut Part<'_>,
     ) -> [f64; 2] {
         steps.clear();
-        let rest = self.walk(ray, Light::ALL, |step| steps.push(step)).light;
-        let kernels = [
-            Kernel::new(self.config.object, self.neus(self.sharpness[0])),
-            Kernel::new(self.config.background, self.neus(self.sharpness[1])),
-        ];
+        let rest = self.walk(ray, Light::ALL, logs, |step| steps.push(step));
+        let rest = rest.light;
+        let kernels = self.kernels();
         let g_joint = &grad[column::JOINT_COLOUR..column::JOINT_COLOUR + 3];
         let g_object = &grad[column::OBJECT_COLOUR..column::OBJECT_COLOUR + 3];
         let g_background = &grad[column::BACKGROUND_COLOUR..column::BACKGROUND_COLOUR + 3];

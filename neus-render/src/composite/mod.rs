@@ -33,6 +33,7 @@ mod cube;
 mod opacity;
 mod packing;
 mod reference;
+mod survival;
 mod visibility;
 
 use std::sync::Arc;

@@ -103,7 +103,7 @@ impl Kernel {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn log_survival(&self, sdf: f32, slope: f32, dt: f32) -> f32 {
         match self.transparency {
             Transparency::Sdf => self.neus.log_survival(sdf, slope, dt, self.log_epsilon),

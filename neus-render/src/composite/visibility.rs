@@ -6,6 +6,7 @@ use super::{
     CompositeConfig, Packing, background_column,
     cpu::{Batch, CHUNK},
     object_column,
+    survival::Logs,
 };
 
 /// How one sample is seen from its ray's origin.
@@ -111,8 +112,9 @@ pub fn visibility_from(
         .into_par_iter()
         .zip(light.par_chunks_mut(CHUNK))
         .for_each(|(part, light)| {
+            let logs = Logs::of(&batch, part.rays.clone());
             for (ray, light) in part.rays.clone().zip(light) {
-                let rest = batch.walk(ray, *light, |step| {
+                let rest = batch.walk(ray, *light, &logs, |step| {
                     if let Some(row) = step.object_row {
                         part.object[row - part.object_start] = Visibility {
                             weight: step.object_weight(),
