@@ -106,7 +106,9 @@ pub(crate) fn draw(
         let picture = match find(&pictures, photo.name) {
             // Whose picture it is, only its folders could say.
             Some((picture, key)) if key != full_name(photo.name) && shared.contains(&key) => {
-                unknown.push((photo.name, &picture.file_name));
+                if outlines.contains_key(&picture.id.to_string()) {
+                    unknown.push((photo.name, &picture.file_name));
+                }
                 None
             }
             found => found.map(|(picture, _)| picture),
@@ -127,7 +129,7 @@ pub(crate) fn draw(
     }
     if let Some((name, picture)) = unknown.first() {
         notes.push(format!(
-            "{} photos have no outline as others bear their names too and the file states no folders: {name}, for one, may be its {picture} or not",
+            "{} photos have no outline as others bear their names too and the file does not state their folders: {name}, for one, may be its {picture} or not",
             unknown.len()
         ));
     }
@@ -135,6 +137,7 @@ pub(crate) fn draw(
         return Err(ImportError::bad(
             path,
             match file.images.first() {
+                Some(_) if !unknown.is_empty() => notes.pop().unwrap_or_default(),
                 Some(first) => format!(
                     "none of its {} pictures (such as {:?}) has an outline and is one of the {} photos (such as {:?})",
                     file.images.len(),
@@ -194,7 +197,7 @@ fn choose(
     }
 }
 
-/// Pictures by full name, by name without folders, and by stem; `None` where two share it.
+/// Pictures by the ends of their paths, from all of it to the name and to its stem; `None` where two share it.
 fn by_name(pictures: &[Picture]) -> HashMap<String, Option<&Picture>> {
     let mut map: HashMap<String, Option<&Picture>> = HashMap::new();
     for picture in pictures {
@@ -221,14 +224,13 @@ fn find<'a>(
         .find_map(|key| Some((pictures.get(&key).copied().flatten()?, key)))
 }
 
-/// Names without folders, with and without ending, that several photos bear.
+/// Ends of paths, with and without ending, that several photos have.
 fn shared_names(photos: &[Wanted<'_>]) -> HashSet<String> {
     let mut seen = HashSet::new();
     let mut shared = HashSet::new();
     for photo in photos {
-        let [full, base, stem] = keys(photo.name);
-        // Of a photo without folders or ending two of these are one.
-        for name in HashSet::from([full, base, stem]) {
+        // Of a photo without ending two of these are one.
+        for name in keys(photo.name).into_iter().collect::<HashSet<_>>() {
             if !seen.insert(name.clone()) {
                 shared.insert(name);
             }
@@ -241,14 +243,18 @@ fn full_name(name: &str) -> String {
     name.replace('\\', "/")
 }
 
-fn keys(name: &str) -> [String; 3] {
+/// The ends of a path, longest first, and its name's stem.
+fn keys(name: &str) -> Vec<String> {
     let full = full_name(name);
-    let base = full.rsplit('/').next().unwrap_or_default().to_owned();
-    let stem = base
-        .rsplit_once('.')
-        .map_or(&*base, |(stem, _)| stem)
-        .to_owned();
-    [full, base, stem]
+    let inner = full.match_indices('/').map(|(at, _)| &full[at + 1..]);
+    let mut keys: Vec<String> = std::iter::once(&*full)
+        .chain(inner)
+        .map(str::to_owned)
+        .collect();
+    let base = full.rsplit('/').next().unwrap_or_default();
+    let stem = base.rsplit_once('.').map_or(base, |(stem, _)| stem);
+    keys.push(stem.to_owned());
+    keys
 }
 
 fn draw_one(

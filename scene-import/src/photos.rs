@@ -3,7 +3,7 @@
 use crate::error::ImportError;
 use io_colmap::{PICTURE_ENDINGS, Search, is_picture};
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// How deep sub-folders are searched.
 const MAX_DEPTH: usize = 4;
@@ -20,11 +20,14 @@ pub(crate) fn at_path(folder: &Path, stated: &str) -> Option<Match> {
     let absolute = stated.starts_with('/') || stated.as_bytes().get(1) == Some(&b':');
     let mut bases = vec![(folder.join(&stated), Fit::EXACT)];
     if absolute {
+        let own = own_parts(folder);
         // The scene was moved: images/a.jpg, then a.jpg.
         for count in [2, 1] {
             if let Some(tail) = parts.len().checked_sub(count) {
+                let before = parts[..tail].iter().rev().zip(own.iter().rev());
+                let agreeing = before.take_while(|(stated, own)| stated.to_lowercase() == **own);
                 let fit = Fit {
-                    parts: count,
+                    parts: count + agreeing.count(),
                     whole: false,
                     ending: true,
                 };
@@ -40,6 +43,10 @@ pub(crate) fn at_path(folder: &Path, stated: &str) -> Option<Match> {
         };
         if base.is_file() {
             return Some(found(base));
+        }
+        // Of another machine's folders none is there, and no file in them has to be tried.
+        if !base.parent()?.is_dir() {
+            return None;
         }
         let name = base.file_name()?.to_str()?.to_owned();
         let stated = name.rsplit_once('.').filter(|_| is_picture(&name));
@@ -212,8 +219,10 @@ impl ByName {
             .list(folder)
             .map_err(|e| ImportError::io("list", folder, e))?;
         let mut paths: HashMap<String, Option<PathBuf>> = HashMap::new();
+        // Its own name may be stated too: `left/a.jpg`, and the user named `left`.
+        let own = own_parts(folder).join("/");
         for name in &listing.names {
-            for end in ends(name) {
+            for end in ends(&format!("{own}/{name}")) {
                 for key in with_and_without_ending(&end) {
                     paths
                         .entry(key.to_owned())
@@ -257,6 +266,16 @@ impl ByName {
         }
         Err(NO_PHOTO)
     }
+}
+
+/// The names of a folder and of those that it is in, in small letters; none where it cannot be asked.
+fn own_parts(folder: &Path) -> Vec<String> {
+    let whole = folder.canonicalize().unwrap_or_default();
+    let names = whole.components().filter_map(|part| match part {
+        Component::Normal(name) => Some(name.to_string_lossy().to_lowercase()),
+        _ => None,
+    });
+    names.collect()
 }
 
 /// A stated path in small letters, with one kind of slash.

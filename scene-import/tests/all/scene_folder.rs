@@ -6,6 +6,7 @@ use io_colmap::Scene;
 use scene_import::{Format, Imported, MaskOptions, detect, read};
 use serde_json::json;
 use std::fs;
+use std::path::Path;
 
 #[test]
 fn a_written_scene_opens_as_colmaps() {
@@ -166,6 +167,45 @@ fn a_photo_goes_to_the_view_that_states_its_path_best() {
     assert_eq!(names(&imported), ["0003.png", "0004.png"]);
     let record = imported.dropped[1].reason();
     assert!(record.ends_with("as well: /x/cam1/a.png"), "{record}");
+}
+
+#[test]
+fn the_name_of_the_named_folder_decides_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let (scene, left) = (dir.path().join("scene"), dir.path().join("rig/left"));
+    let state = |scene: &Path, stated: [&str; 4]| {
+        fixtures::transforms(scene, |file| {
+            for (i, path) in stated.into_iter().enumerate() {
+                file["frames"][i]["file_path"] = path.into();
+            }
+        });
+    };
+    for name in ["a.png", "b.png"] {
+        crate::rig::write_photo(&left.join(name), WIDTH, HEIGHT);
+    }
+    let expect_left = |imported: &Imported| {
+        assert_eq!(names(imported), ["a.png", "b.png"]);
+        for (view, eye) in imported.model.views.iter().zip([1, 3]) {
+            let centre = view.camera_from_world.centre();
+            assert!(centre.distance(eyes()[eye].centre) < 1e-6, "{}", view.name);
+        }
+    };
+    state(
+        &scene,
+        ["right/a.png", "left/a.png", "right/b.png", "left/b.png"],
+    );
+    expect_left(&read(&detect(&scene, None).unwrap(), Some(&left)).unwrap());
+    // The same by absolute paths of another machine, beside the photos.
+    state(
+        &left,
+        [
+            "/x/right/a.png",
+            "/x/left/a.png",
+            "/x/right/b.png",
+            "/x/left/b.png",
+        ],
+    );
+    expect_left(&read(&detect(&left, None).unwrap(), None).unwrap());
 }
 
 #[cfg(unix)]
