@@ -10,7 +10,7 @@ use tensor_slices::{Scratch, Stopwatch};
 use super::passes::{Computed, Passes, Recording};
 use super::tape::{Tape, TapedRows};
 use super::weights::Weights;
-use crate::sdf_field::{Normal, SdfFieldConfig};
+use crate::sdf_field::{Forward, Normal, SdfFieldConfig};
 use crate::tile::transpose::{rows_to_tile, tile_to_rows};
 use crate::tile::{GRAIN, POINTS, activation, layer};
 
@@ -24,7 +24,7 @@ pub(crate) enum Keep {
     ForBackward,
 }
 
-/// Time spent in forward passes that no backward follows.
+/// Time spent in forward passes that no backward follows, and in those that go on tape, which many threads do at once.
 pub static EVALUATION: Stopwatch = Stopwatch::new();
 /// Time spent in forward passes that a backward follows.
 pub static FORWARD: Stopwatch = Stopwatch::new();
@@ -267,7 +267,11 @@ pub(crate) fn forward_from_tape(
     let out = rows.out(weights.columns());
     let passes = rows.passes(TileKind::of(&weights, config));
     let saved = Saved {
-        config: config.clone(),
+        // The passes hold the tapes.
+        config: SdfFieldConfig {
+            forward: Forward::Alone,
+            ..config.clone()
+        },
         weights,
         table_len,
         passes: Arc::new(passes),

@@ -8,8 +8,8 @@ use super::forward::{Tile, TileKind};
 use crate::tile::POINTS;
 use crate::tile::transpose::rows_to_tile_padded;
 
-/// Tiles of a buffer that fills up bit by bit: enough that its allocation does not count.
-const TILES_PER_BUFFER: usize = 8;
+/// Tiles of a buffer that fills up bit by bit. Many tapes are written at once, most of them short.
+const TILES_PER_BUFFER: usize = 2;
 /// A lane that backward is not asked about.
 const NO_ROW: u32 = u32::MAX;
 
@@ -160,7 +160,9 @@ impl Passes {
         }
         let mut row_of_lane = vec![NO_ROW; POINTS * tiles.len()];
         for (row, (of, point)) in rows.iter().enumerate() {
-            row_of_lane[POINTS * firsts[*of as usize] + *point as usize] = row as u32;
+            let lane = &mut row_of_lane[POINTS * firsts[*of as usize] + *point as usize];
+            assert_eq!(*lane, NO_ROW, "TapedRows: a point is learnt from twice");
+            *lane = row as u32;
         }
         Self {
             kind,

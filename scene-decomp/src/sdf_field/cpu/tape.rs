@@ -90,7 +90,7 @@ impl TapedRows {
         self.rows.is_empty()
     }
 
-    /// The rows with these numbers, none of them twice.
+    /// The rows with these numbers. Backward follows none of them twice.
     #[must_use]
     pub fn select(&self, chosen: &[u32]) -> Self {
         Self {
@@ -109,7 +109,14 @@ impl TapedRows {
     }
 
     /// What forward returned for these rows, `[n, columns]`.
+    ///
+    /// # Panics
+    /// When a tape is of a field with other outputs.
     pub(super) fn out(&self, columns: usize) -> Vec<f32> {
+        for tape in &self.tapes {
+            let (values, points) = (tape.out.len(), tape.recording.points);
+            assert_eq!(values, columns * points, "TapedRows: of another field");
+        }
         let mut out = Vec::with_capacity(columns * self.rows.len());
         for (tape, row) in &self.rows {
             let start = columns * *row as usize;
