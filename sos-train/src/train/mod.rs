@@ -50,8 +50,8 @@ pub use run::run;
 pub(crate) const BACKGROUND_STRIDE: u32 = 2;
 /// Steps between two updates of m^P from the votes.
 const VOTES_EVERY: u32 = 250;
-/// Share of a run, and number of steps, after which occupied space changes slowly, whichever comes first.
-const SETTLED: (f32, u32) = (0.5, 5000);
+/// Share of a run after which occupied space changes slowly.
+const SETTLED: f32 = 0.5;
 /// What votes are worth after each update.
 const VOTES_KEPT: f32 = 0.7;
 /// Share of the run after the carving, or after the start, in which FoCoR finds its outline before
@@ -392,7 +392,7 @@ impl Trainer {
             return;
         }
         let round = self.step / config.sampling.occupancy_every.max(1);
-        let settled = schedule::progress(&config, self.step) > SETTLED.0 || self.step > SETTLED.1;
+        let settled = schedule::progress(&config, self.step) > SETTLED;
         let fields = self.look_ahead(schedule);
         let [b_object, b_background] = fields.sharpness;
         // What is not trained yet says nothing: until it is carved out, FoCoR may be anywhere.
