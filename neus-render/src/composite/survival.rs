@@ -8,8 +8,8 @@ use std::ops::Range;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::cpu::Batch;
-use super::object_column;
 use super::opacity::Kernel;
+use super::{background_column, object_column};
 
 /// `log(1 - a)` of all samples of consecutive rays, without matte values.
 pub(super) struct Logs {
@@ -97,7 +97,8 @@ impl WithSimd for LogSurvivals<'_> {
             let (mut sdf, mut slope, mut length) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
             let rows = rows.chunks_exact(self.width);
             for (i, (row, interval)) in rows.zip(intervals).enumerate() {
-                // Both fields' rows have these columns.
+                const { assert!(object_column::SDF == background_column::SDF) };
+                const { assert!(object_column::SLOPE == background_column::SLOPE) };
                 sdf[i] = row[object_column::SDF];
                 slope[i] = row[object_column::SLOPE];
                 length[i] = self.dt[*interval as usize];
@@ -107,6 +108,39 @@ impl WithSimd for LogSurvivals<'_> {
                 logs[i] = self.kernel.log_survival(sdf[i], slope[i], length[i]);
             }
             out.copy_from_slice(&logs[..out.len()]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::alpha::NeusParameters;
+    use crate::composite::Transparency;
+    use crate::random::unit_float;
+
+    #[test]
+    fn many_at_once_are_as_one_by_one() {
+        let neus = NeusParameters {
+            sharpness: 40.0,
+            cos_anneal: 0.7,
+            epsilon: 1e-5,
+        };
+        let dt = [0.01, 0.02, 0.3];
+        for transparency in [Transparency::Sdf, Transparency::Density] {
+            let kernel = Kernel::new(transparency, neus);
+            for n in [0, 1, 15, 16, 17, 40] {
+                let values: Vec<f32> = (0..6 * n as u64)
+                    .map(|i| 2.0 * unit_float(3, i) - 1.0)
+                    .collect();
+                let intervals: Vec<u32> = (0..n as u32).map(|i| i % 3).collect();
+                let expected: Vec<f32> = values
+                    .chunks_exact(6)
+                    .zip(&intervals)
+                    .map(|(row, i)| kernel.log_survival(row[0], row[1], dt[*i as usize]))
+                    .collect();
+                assert_eq!(logs(&kernel, &values, 6, &intervals, &dt), expected);
+            }
         }
     }
 }
