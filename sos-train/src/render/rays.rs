@@ -18,7 +18,7 @@ use crate::config::{AlphaSource, Blend, Fields, TrainConfig, Transparency};
 use crate::train::batch::{BatchMarcher, MarchedBatch, MarchedRays};
 use crate::train::blend::blend;
 use crate::train::grids::FieldGrids;
-use crate::train::visible::{FrozenFields, Look, composite_config};
+use crate::train::visible::{Alone, FrozenFields, Look, composite_config};
 
 /// Rays that one task renders: few enough that its core's cache holds their samples.
 pub(super) const CHUNK: usize = 256;
@@ -130,7 +130,9 @@ impl FrozenScene {
                     .collect();
                 let rays: Vec<Ray> = hit.iter().map(|&ray| chunk[ray]).collect();
                 let marched = self.march(&rays, marcher, Extent::BeforeObject);
-                let (marched, look) = self.fields.look(marched, &self.config, 1.0, |_| false);
+                let (marched, look) = self
+                    .fields
+                    .look(marched, &self.config, 1.0, |_| Alone::default());
                 let mut mattes = vec![0.0f32; chunk.len()];
                 for (&ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
                     mattes[hit[ray as usize]] += seen.weight;
@@ -238,6 +240,10 @@ impl FrozenScene {
         if self.is_semantic() {
             return self.split(&marched.samples(), extent);
         }
+        let alone = Alone {
+            object: false,
+            background: alone,
+        };
         self.fields.look(marched, &self.config, 1.0, |_| alone)
     }
 
@@ -269,7 +275,8 @@ impl FrozenScene {
 
     /// Colours of the samples that light reaches, in both fields alone and together.
     fn render_marched(&self, marched: &MarchedBatch, look: &Look) -> Vec<RenderedRay> {
-        let (object, background) = (look.object_reached(), look.background_reached(|_| true));
+        let object = look.object_reached(|_| false);
+        let background = look.background_reached(|_| true);
         let mut kept = marched.keep(&object, &background);
         kept.background.look_up(&self.map);
         let object = self.object_rows(&kept, look, &object);

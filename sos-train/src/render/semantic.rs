@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::rays::{CHUNK, Extent, FrozenScene, RenderedRay, opaque_by};
 use crate::train::batch::{BatchMarcher, MarchedBatch};
 use crate::train::semantic::share_at;
-use crate::train::visible::{Look, composite_config};
+use crate::train::visible::{Alone, Look, composite_config};
 
 /// Above this share a place is the object's.
 const HALF: f32 = 0.5;
@@ -23,7 +23,9 @@ impl FrozenScene {
         rays.par_chunks(CHUNK)
             .map_init(BatchMarcher::default, |marcher, chunk| {
                 let marched = self.march(chunk, marcher, Extent::All);
-                let (marched, look) = self.fields.look(marched, &self.config, 1.0, |_| false);
+                let (marched, look) = self
+                    .fields
+                    .look(marched, &self.config, 1.0, |_| Alone::default());
                 shares(&marched, &look, chunk.len())
             })
             .flatten_iter()

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Trainer;
 use super::agreement::Agreement;
+use super::contested::Contested;
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask_faults::MaskFaults;
@@ -34,6 +35,8 @@ struct Numbers {
     /// What the tables were trained with: nodes, where a checkpoint is of a version that does not say.
     #[serde(default)]
     hash: Hash,
+    #[serde(default)]
+    contested: Contested,
 }
 
 const FIELDS: &str = "fields.bpk";
@@ -142,6 +145,7 @@ impl Trainer {
             object_adam_step: self.object_adam.steps(),
             background_adam_step: self.background_adam.steps(),
             hash: self.config().model.hash,
+            contested: self.contested.clone(),
         };
         let faults = serde_json::to_vec(&self.mask_faults)?;
         fs::write(path(MASK_FAULTS), faults).map_err(|e| unwritable(&path(MASK_FAULTS), &e))?;
@@ -232,6 +236,7 @@ impl Trainer {
         self.step = numbers.step;
         self.rays = numbers.rays;
         self.mask_faults = faults;
+        self.contested = numbers.contested;
         self.rate_scale = numbers.rate_scale;
         self.outlook.forget();
         Ok(numbers.seconds)

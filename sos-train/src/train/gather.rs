@@ -12,10 +12,11 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use super::batch::{BatchMarcher, FieldSamples, MarchedBatch, Partition};
+use super::contested::Contested;
 use super::distortion::{self, Spread};
 use super::representatives::Representatives;
 use super::sampler::RayBatch;
-use super::visible::{FrozenFields, Look};
+use super::visible::{Alone, FrozenFields, Look};
 use crate::config::{AlphaSource, Blend, TrainConfig, Transparency};
 use crate::prepare::Label;
 
@@ -34,6 +35,8 @@ pub(super) struct Rules<'a> {
     pub(super) cos_anneal: f32,
     /// Whether the samples' spread is wanted.
     pub(super) spread: bool,
+    /// Views in which FoCoR has the right of way.
+    pub(super) contested: &'a Contested,
     /// Seeds the raster and the choice of samples; another one for every step.
     pub(super) seed: u64,
 }
@@ -45,7 +48,7 @@ pub(super) struct Gathered {
     pub(super) spread: Option<Spread>,
     /// The visible object's share of each pixel, `[rays]`.
     pub(super) mattes: Vec<f32>,
-    /// The share of each pixel that BaCo sends from inside the box, `[rays]`.
+    /// The share of each pixel that BaCo sends from inside the box, where it may hide the object, `[rays]`.
     pub(super) box_background: Vec<f32>,
     pub(super) votes: Vec<SurfaceVote>,
 }
@@ -91,19 +94,25 @@ fn gather_chunk(
     // Where the background is asked for by itself, it has to be complete behind the object too.
     let both_alone = config.model.blend == Blend::Ray || config.model.alpha == AlphaSource::Head;
     let outside_alone = config.loss.background > 0.0;
-    let alone = |ray: usize| {
-        both_alone || (outside_alone && batch.labels[first + ray] == Label::Background)
+    let cleared = |ray: usize| {
+        let ray = first + ray;
+        rules.contested.clears(batch.views[ray], batch.votes[ray])
+    };
+    let alone = |ray: usize| Alone {
+        object: cleared(ray),
+        background: both_alone || (outside_alone && batch.labels[first + ray] == Label::Background),
     };
     let (marched, look) = fields.look(marched, config, rules.cos_anneal, alone);
     let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x00d4_a3e1);
     let share = config.sampling.clear_share;
+    let rows = look.object_reached(|i| alone(marched.object.ray[i] as usize).object);
     let object = match config.model.foreground {
         Transparency::Sdf => {
-            let (rows, seen) = (look.object_reached(), &look.visibility.object);
-            Representatives::thinned(rows, seen, share, &mut random)
+            Representatives::thinned(rows, &look.visibility.object, share, &mut random)
         }
-        Transparency::Density => Representatives::all(look.object_reached()),
+        Transparency::Density => Representatives::all(rows),
     };
+    let alone = |ray: usize| alone(ray).background;
     let background = match config.model.background {
         Transparency::Sdf => {
             let rows = look.background_reached(|i| alone(marched.background.ray[i] as usize));
@@ -119,13 +128,18 @@ fn gather_chunk(
     for (ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
         mattes[*ray as usize] += seen.weight;
     }
-    let box_background = match config.model.alpha {
+    let mut box_background = match config.model.alpha {
         AlphaSource::Opacity | AlphaSource::Head => {
             box_background(rays.len(), &marched.background, &look.visibility.background)
         }
         // The look takes FoCoR for transparent then, so that everything would be background.
         AlphaSource::Both => vec![0.0; rays.len()],
     };
+    for (ray, share) in box_background.iter_mut().enumerate() {
+        if cleared(ray) {
+            *share = 0.0;
+        }
+    }
     let votes = votes(batch, first, &marched, &look);
     let mut marched = marched.keep(&object.rows, &background.rows);
     marched.object.stands_for = object.stands_for;

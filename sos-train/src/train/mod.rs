@@ -6,6 +6,7 @@ pub mod blend;
 pub mod carve;
 pub mod checkpoint;
 pub mod clock;
+mod contested;
 mod courier;
 pub mod distortion;
 mod gather;
@@ -38,6 +39,7 @@ use crate::prepare::mask_faults::MaskFaults;
 use agreement::Agreement;
 use batch::{MarchedBatch, Partition};
 use clock::{Phase, StepClock};
+use contested::Contested;
 use distortion::Spread;
 use grids::{FieldGrids, GridRule};
 use outlook::Outlook;
@@ -83,6 +85,7 @@ pub struct Trainer {
     mask_contrasts: Vec<Option<f32>>,
     /// What geometry has shown to be wrong with the masks.
     mask_faults: MaskFaults,
+    contested: Contested,
     sampler: Sampler,
     outlook: Outlook,
     step: u32,
@@ -177,6 +180,7 @@ impl Trainer {
                 partition,
                 cos_anneal: schedule.cos_anneal,
                 spread: config.loss.distortion > 0.0 || schedule.far_weight > 0.0,
+                contested: &self.contested,
                 seed: config.seed ^ (u64::from(self.step) << 20),
             },
         );

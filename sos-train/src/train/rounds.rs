@@ -15,7 +15,7 @@ use scene_decomp::sdf_field::Tape;
 use scene_decomp::{FrozenSurface, Geometry};
 
 use super::batch::{FieldSamples, MarchedBatch, MarchedRays, SampleLists};
-use super::visible::{LEAST_TRANSMITTANCE, Look};
+use super::visible::{Alone, LEAST_TRANSMITTANCE, Look};
 use crate::config::Transparency;
 
 /// Samples of a ray in the first round; twice as many in each further one.
@@ -34,14 +34,14 @@ pub(super) struct Rules {
     pub(super) taped: [bool; 2],
 }
 
-/// Looks along `marched` until no ray has light left: through both fields, or through the background
-/// by itself where that is asked for `alone`. Returned are the samples that were made for it.
+/// Looks along `marched` until no ray has light left: through both fields, or through one by itself
+/// where that is asked for `alone`. Returned are the samples that were made for it.
 pub(super) fn look(
     object: &FrozenSurface,
     background: &FrozenSurface,
     marched: MarchedRays<'_>,
     rules: Rules,
-    alone: impl Fn(usize) -> bool,
+    alone: impl Fn(usize) -> Alone,
 ) -> (MarchedBatch, Look) {
     let mut reached = Reached::new(marched, [object.columns(), background.columns()]);
     let tapes = rules.taped.map(|taped| taped.then(Tape::default));
@@ -87,11 +87,14 @@ pub(super) fn look(
             ray.light = *light;
         }
         rays.retain(|ray| {
-            let left = if alone(ray.number) {
-                ray.light.background
-            } else {
-                ray.light.joint
-            };
+            let Alone { object, background } = alone(ray.number);
+            let mut left = ray.light.joint;
+            if object {
+                left = left.max(ray.light.object);
+            }
+            if background {
+                left = left.max(ray.light.background);
+            }
             left > LEAST_TRANSMITTANCE && ray.next < ray.end
         });
         most *= 2;
@@ -398,8 +401,11 @@ mod tests {
             },
             grids.partition(&map, false),
         );
-        let every_other = |ray: usize| ray % 2 == 1;
-        let (batch, look) = super::look(&fields[0], &fields[1], marched, rules, every_other);
+        let alone = |ray: usize| Alone {
+            object: ray % 3 == 1,
+            background: ray % 2 == 1,
+        };
+        let (batch, look) = super::look(&fields[0], &fields[1], marched, rules, alone);
 
         let all = marched.samples();
         let geometry = [
@@ -432,9 +438,9 @@ mod tests {
         assert!(batch.object.len() < all.object.len());
         assert!(batch.background.len() < all.background.len());
         let of = |batch: &MarchedBatch, look: &Look| {
-            let object = look.object_reached();
+            let object = look.object_reached(|i| alone(batch.object.ray[i] as usize).object);
             let background =
-                look.background_reached(|i| every_other(batch.background.ray[i] as usize));
+                look.background_reached(|i| alone(batch.background.ray[i] as usize).background);
             assert!(object.len() > 100 && background.len() > 100);
             let kept = batch.keep(&object, &background);
             let seen = (

@@ -311,6 +311,7 @@ fn train(
         for note in faults
             .into_iter()
             .chain(trainer.majority_note())
+            .chain(trainer.contested_note(data))
             .chain(edges)
         {
             progress.note(&note);

@@ -44,6 +44,8 @@ pub struct Sampler {
 /// what lies there is what plates show behind the object.
 const NEARBY_SHARE: f32 = 0.6;
 
+/// How many times as many pixels are tried as rays are wanted that a mask has to agree to.
+const TRIES: usize = 4;
 /// Pixels that one task looks up.
 const CHUNK: usize = 64;
 
@@ -109,6 +111,29 @@ impl Sampler {
             batch.masks.push(mask);
         }
         batch
+    }
+
+    /// Up to `count` rays of a view's pixels whose mask says "object", away from its outline.
+    #[must_use]
+    pub fn object_rays(&self, scene: &Prepared, view: u32, step: u32, count: usize) -> Vec<Ray> {
+        let mut random = step_random(self.seed ^ u64::from(view).rotate_left(32), step);
+        let view = view as usize;
+        let (outline, seen) = (&scene.outlines[view], &scene.views[view]);
+        let candidates = &outline.candidates;
+        if candidates.is_empty() {
+            return Vec::new();
+        }
+        (0..TRIES * count)
+            .filter_map(|_| {
+                let pixel = candidates.nth(random.random_range(0..candidates.len()));
+                let (x, y) = (pixel % seen.width(), pixel / seen.width());
+                let vote = outline.vote(x, y)?;
+                let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+                (vote.object && vote.weight == 1.0 && !seen.ignores(x, y))
+                    .then(|| seen.ray(&self.poses[view], centre))?
+            })
+            .take(count)
+            .collect()
     }
 
     fn pixel(&self, scene: &Prepared, random: &mut impl Rng) -> (usize, u32, u32) {

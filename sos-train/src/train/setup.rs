@@ -7,6 +7,7 @@ use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 
 use super::agreement::Agreement;
 use super::clock::StepClock;
+use super::contested::Contested;
 use super::grids::FieldGrids;
 use super::outlook::Outlook;
 use super::sampler::Sampler;
@@ -164,6 +165,7 @@ impl Trainer {
             agreement: Agreement::new(scene.views.len()),
             mask_contrasts: Vec::new(),
             mask_faults: MaskFaults::default(),
+            contested: Contested::default(),
             sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
             step: 0,
             rays: config.sampling.rays as f32,

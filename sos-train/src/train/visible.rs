@@ -1,10 +1,10 @@
 //! Which samples light reaches: a look ahead without gradients or colours.
 //!
 //! Most samples of a marched ray lie behind its first surface, where nothing they do can be seen.
-//! Their geometry alone tells, at a fraction of the price of a whole sample with its gradient.
+//! Their geometry alone tells; it is written down for a step that learns from them.
 
 use burn::tensor::Device;
-use neus_render::composite::{self, CompositeConfig, MatteRole, SampleVisibility};
+use neus_render::composite::{self, CompositeConfig, MatteRole, SampleVisibility, Visibility};
 use scene_decomp::{FrozenSurface, Geometry};
 
 use super::batch::{MarchedBatch, MarchedRays};
@@ -41,6 +41,15 @@ pub struct Look {
     pub visibility: SampleVisibility,
 }
 
+/// Which fields are asked on a ray as far as their own light goes, whatever the other one has before them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Alone {
+    /// FoCoR.
+    pub object: bool,
+    /// BaCo.
+    pub background: bool,
+}
+
 impl FrozenFields {
     /// The same for looking alone: [`FrozenSurface::without_features`].
     #[must_use]
@@ -63,7 +72,7 @@ impl FrozenFields {
     }
 
     /// Makes the samples of `marched` that light may reach and looks at their geometry: through both
-    /// fields, or through the background by itself on the rays where that is asked for `alone`.
+    /// fields, or through one by itself on the rays where that is asked for `alone`.
     ///
     /// The alpha head is not asked: samples count as if it said 1, unless it is a factor of the
     /// opacity; then they all count as reached.
@@ -73,7 +82,7 @@ impl FrozenFields {
         marched: MarchedRays<'_>,
         config: &TrainConfig,
         cos_anneal: f32,
-        alone: impl Fn(usize) -> bool,
+        alone: impl Fn(usize) -> Alone,
     ) -> (MarchedBatch, Look) {
         let rules = Rules {
             transparency: [config.model.object_transparency(), config.model.background],
@@ -90,28 +99,31 @@ impl FrozenFields {
 }
 
 impl Look {
-    /// The numbers of the object's samples that light reaches through both fields.
+    /// The numbers of the object's samples that light reaches: through both fields, or through itself
+    /// `alone` where that is asked for.
     #[must_use]
-    pub fn object_reached(&self) -> Vec<u32> {
-        numbers(self.visibility.object.len(), |i| {
-            self.visibility.object[i].transmittance > LEAST_TRANSMITTANCE
-        })
+    pub fn object_reached(&self, alone: impl Fn(usize) -> bool) -> Vec<u32> {
+        reached(&self.visibility.object, alone)
     }
 
     /// The same of the background: through both fields, or through itself `alone` where that is
     /// asked for.
     #[must_use]
     pub fn background_reached(&self, alone: impl Fn(usize) -> bool) -> Vec<u32> {
-        numbers(self.visibility.background.len(), |i| {
-            let of = &self.visibility.background[i];
-            let light = if alone(i) { of.alone } else { of.transmittance };
-            light > LEAST_TRANSMITTANCE
-        })
+        reached(&self.visibility.background, alone)
     }
 }
 
-fn numbers(n: usize, wanted: impl Fn(usize) -> bool) -> Vec<u32> {
-    (0..n).filter(|&i| wanted(i)).map(|i| i as u32).collect()
+fn reached(seen: &[Visibility], alone: impl Fn(usize) -> bool) -> Vec<u32> {
+    let light = |i: usize| {
+        if alone(i) {
+            seen[i].alone
+        } else {
+            seen[i].transmittance
+        }
+    };
+    let numbers = (0..seen.len()).filter(|&i| light(i) > LEAST_TRANSMITTANCE);
+    numbers.map(|i| i as u32).collect()
 }
 
 /// How the settings have samples become opacities.

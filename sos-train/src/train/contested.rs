@@ -1,0 +1,176 @@
+//! Views in which something hides the object that is painted like it.
+//!
+//! Where nothing has texture, a flake of BaCo before a few cameras explains their photos as well as FoCoR
+//! behind it does, and no other view contradicts it. Their mattes lack the object then, and their plates show it.
+//! Masks know better. What BaCo keeps in the box may hide the object by rights, a cup on its table or what a
+//! mask takes in by mistake, so that a pixel's mask alone decides nothing (`loss.hidden`). But where BaCo hides a good
+//! part of what FoCoR has in the middle of a view's mask, that view is taken at its word from then on.
+
+use neus_render::rays::Ray;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::batch::BatchMarcher;
+use super::visible::Alone;
+use super::{SETTLING, Trainer, VOTES_EVERY, march_config, schedule, space};
+use crate::config::{Blend, Fields};
+use crate::prepare::{Prepared, Vote};
+
+/// Rays that are looked along in each view, and in all together.
+const RAYS_OF_VIEW: usize = 64;
+const RAYS: usize = 4096;
+/// How much of a mask's middle FoCoR has to fill for the view to be judged by it.
+const FILLED: f32 = 0.5;
+/// The share of FoCoR there that is hidden in a contested view.
+const HIDDEN: f32 = 0.3;
+
+/// Numbers of contested views, ascending.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Contested(Vec<u32>);
+
+impl Contested {
+    /// Whether FoCoR has the right of way on a pixel with this vote.
+    pub(super) fn clears(&self, view: u32, vote: Option<Vote>) -> bool {
+        vote.is_some_and(|vote| vote.object && vote.weight == 1.0)
+            && self.0.binary_search(&view).is_ok()
+    }
+
+    fn add(&mut self, views: &[u32]) {
+        self.0.extend_from_slice(views);
+        self.0.sort_unstable();
+        self.0.dedup();
+    }
+}
+
+impl Trainer {
+    /// Now and then looks for further contested views, once there is an object to speak of. Returns what people
+    /// should know.
+    pub fn contested_note(&mut self, data: &Prepared) -> Option<String> {
+        let config = self.config();
+        let settled = schedule::carve_step(config) + (SETTLING * config.steps as f32) as u32;
+        let fights = config.loss.hidden > 0.0
+            && config.model.fields == Fields::Both
+            && config.model.blend == Blend::Sample;
+        if !fights || self.step < settled || !self.step.is_multiple_of(VOTES_EVERY) {
+            return None;
+        }
+        let found = self.newly_contested(data);
+        self.contested.add(&found);
+        let first = *found.first()?;
+        Some(format!(
+            "step {}: in {} of {} views, {} among them, something that only they see hides the object though \
+             their masks show it: it is cleared away",
+            self.step,
+            found.len(),
+            data.views.len(),
+            data.views[first as usize].name
+        ))
+    }
+
+    fn newly_contested(&mut self, data: &Prepared) -> Vec<u32> {
+        let schedule = self.schedule();
+        let fields = self.look_ahead(schedule);
+        let config = self.config();
+        let (grids, partition) = space(config, self.step, &self.grids, &self.map);
+        let march = march_config(config);
+        let count = (RAYS / data.views.len().max(1)).clamp(1, RAYS_OF_VIEW);
+        (0..data.views.len() as u32)
+            .into_par_iter()
+            .map_init(BatchMarcher::default, |marcher, view| {
+                if self.contested.0.binary_search(&view).is_ok() {
+                    return None;
+                }
+                let rays: Vec<Ray> = self.sampler.object_rays(data, view, self.step, count);
+                let marched = marcher.march(&rays, grids, &march, partition);
+                let alone = Alone {
+                    object: true,
+                    background: false,
+                };
+                let (_, look) = fields.look(marched, config, schedule.cos_anneal, |_| alone);
+                let (mut whole, mut visible) = (0.0, 0.0);
+                for seen in &look.visibility.object {
+                    whole += seen.alone * seen.opacity;
+                    visible += seen.weight;
+                }
+                let filled = !rays.is_empty() && whole >= FILLED * rays.len() as f32;
+                (filled && whole - visible > HIDDEN * whole).then_some(view)
+            })
+            .flatten()
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use demo_scene::DemoConfig;
+    use io_colmap::{MaskSet, Scene};
+
+    use super::*;
+    use crate::config::{Preset, TrainConfig};
+    use crate::prepare::prepare;
+    use crate::prepare::view::load_views;
+
+    fn config() -> TrainConfig {
+        let mut config = TrainConfig::preset(Preset::Quick);
+        for setting in [
+            // The first step is one at which views are looked at.
+            "steps=9",
+            "schedule.carve=0",
+            "model.levels=6",
+            "model.log2_table_size=12",
+            "sampling.occupancy_resolution=32",
+        ] {
+            config.apply_override(setting).expect("a setting");
+        }
+        config
+    }
+
+    fn prepared(config: &TrainConfig) -> Prepared {
+        let folder = tempfile::tempdir().expect("a folder");
+        let scene = demo_scene::generate(&DemoConfig::tiny());
+        scene.write(folder.path()).expect("a scene");
+        let scene = Scene::open(folder.path()).expect("a scene");
+        let masks = MaskSet::find(&folder.path().join("coarse_masks"), &scene, None);
+        let views = load_views(&scene, Some(&masks.expect("masks"))).expect("views");
+        let (points, band) = (&scene.model.points, config.loss.ignore_band);
+        prepare(views, points, &config.prepare, band).expect("a region")
+    }
+
+    /// FoCoR is a ball, and BaCo a haze, as at every start, or a fog that hides the ball from everybody.
+    #[test]
+    fn masks_are_believed_where_the_background_hides_what_they_show() {
+        let config = config();
+        let data = prepared(&config);
+        let step = |fog: bool, look: bool| {
+            let mut trainer = Trainer::new(&config, &data).expect("a trainer");
+            if fog {
+                let last = &mut trainer.scene.background.sdf[1];
+                last.bias = last.bias.clone().map(|bias| bias - 4.0);
+            }
+            let note = look.then(|| trainer.contested_note(&data)).flatten();
+            (note, trainer.step(&data).losses.hidden)
+        };
+        assert_eq!(step(false, true).0, None);
+        let (note, cleared) = step(true, true);
+        let note = note.expect("contested views");
+        assert!(note.contains("hides the object though"), "{note}");
+        // Most of the fog is in the box, where it may hide what it likes.
+        let (_, left) = step(true, false);
+        assert!(cleared > 0.1 && left < 0.3 * cleared, "{left}, {cleared}");
+    }
+
+    #[test]
+    fn a_contested_view_clears_the_middle_of_its_mask() {
+        let mut contested = Contested::default();
+        contested.add(&[4, 2]);
+        contested.add(&[3]);
+        let vote = |object, weight| Some(Vote { object, weight });
+        for view in 2..5 {
+            assert!(contested.clears(view, vote(true, 1.0)));
+            assert!(!contested.clears(view, vote(true, 0.1)));
+            assert!(!contested.clears(view, vote(false, 1.0)));
+            assert!(!contested.clears(view, None));
+        }
+        assert!(!contested.clears(1, vote(true, 1.0)));
+    }
+}
