@@ -16,9 +16,11 @@ use super::{SETTLING, Trainer, VOTES_EVERY, march_config, schedule, space};
 use crate::config::{Blend, Fields};
 use crate::prepare::{Prepared, Vote};
 
-/// Rays that are looked along in each view, and in all together.
-const RAYS_OF_VIEW: usize = 64;
-const RAYS: usize = 4096;
+/// Rays that are looked along in a view, and the fewest that it is judged by.
+const RAYS: usize = 64;
+const FEWEST_RAYS: usize = 16;
+/// Views that are looked at at once: of more, one in two and so on, in turn.
+const VIEWS: u32 = 64;
 /// How much of a mask's middle FoCoR has to fill for the view to be judged by it.
 const FILLED: f32 = 0.5;
 /// The share of FoCoR there that is hidden in a contested view.
@@ -73,14 +75,13 @@ impl Trainer {
         let config = self.config();
         let (grids, partition) = space(config, self.step, &self.grids, &self.map);
         let march = march_config(config);
-        let count = (RAYS / data.views.len().max(1)).clamp(1, RAYS_OF_VIEW);
+        let turns = (data.views.len() as u32).div_ceil(VIEWS).max(1);
+        let turn = self.step / VOTES_EVERY % turns;
         (0..data.views.len() as u32)
             .into_par_iter()
+            .filter(|view| view % turns == turn && self.contested.0.binary_search(view).is_err())
             .map_init(BatchMarcher::default, |marcher, view| {
-                if self.contested.0.binary_search(&view).is_ok() {
-                    return None;
-                }
-                let rays: Vec<Ray> = self.sampler.object_rays(data, view, self.step, count);
+                let rays: Vec<Ray> = self.sampler.object_rays(data, view, self.step, RAYS);
                 let marched = marcher.march(&rays, grids, &march, partition);
                 let alone = Alone {
                     object: true,
@@ -92,7 +93,7 @@ impl Trainer {
                     whole += seen.alone * seen.opacity;
                     visible += seen.weight;
                 }
-                let filled = !rays.is_empty() && whole >= FILLED * rays.len() as f32;
+                let filled = rays.len() >= FEWEST_RAYS && whole >= FILLED * rays.len() as f32;
                 (filled && whole - visible > HIDDEN * whole).then_some(view)
             })
             .flatten()
