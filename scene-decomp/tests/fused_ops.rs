@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use burn::Tensor;
 use burn::module::Module;
-use burn::tensor::{Device, TensorData};
+use burn::tensor::{Device, Gradients, TensorData};
 use hashgrid::{GridConfig, GridLayout};
 use scene_decomp::colour_field::{self, ColourFieldInputs, Reading, RowConfig};
 use scene_decomp::sdf_field::{self, Forward, SdfFieldConfig, SdfFieldWeights, Tape, TapedRows};
@@ -92,6 +92,17 @@ fn assert_close(name: &str, a: &[f32], b: &[f32], tolerance: f32) {
     }
 }
 
+/// Gradients of the five weights, in their order.
+fn of_weights(weights: &SdfFieldWeights, grads: &Gradients) -> Vec<Vec<f32>> {
+    vec![
+        values(weights.table.grad(grads).unwrap()),
+        values(weights.w1.grad(grads).unwrap()),
+        values(weights.b1.grad(grads).unwrap()),
+        values(weights.w2.grad(grads).unwrap()),
+        values(weights.b2.grad(grads).unwrap()),
+    ]
+}
+
 /// Value of the op, its reference, and all gradients of a weighted sum of the outputs.
 fn both_sdf(
     device: &Device,
@@ -122,14 +133,7 @@ fn both_sdf(
             .mul(tensor(upstream.clone(), [n, 11], device))
             .sum();
         let grads = loss.backward();
-        let gradients = vec![
-            values(weights.table.grad(&grads).unwrap()),
-            values(weights.w1.grad(&grads).unwrap()),
-            values(weights.b1.grad(&grads).unwrap()),
-            values(weights.w2.grad(&grads).unwrap()),
-            values(weights.b2.grad(&grads).unwrap()),
-        ];
-        (values(out), gradients)
+        (values(out), of_weights(&weights, &grads))
     })
 }
 
@@ -209,14 +213,7 @@ fn what_is_on_tape_is_not_computed_again_and_is_learnt_from() {
                 );
                 let upstream = tensor(numbers(n * 11, 52), [n, 11], &device);
                 let grads = out.clone().mul(upstream).sum().backward();
-                let gradients = [
-                    values(weights.table.grad(&grads).unwrap()),
-                    values(weights.w1.grad(&grads).unwrap()),
-                    values(weights.b1.grad(&grads).unwrap()),
-                    values(weights.w2.grad(&grads).unwrap()),
-                    values(weights.b2.grad(&grads).unwrap()),
-                ];
-                (values(out), gradients)
+                (values(out), of_weights(&weights, &grads))
             };
             let alone = learn(Forward::Alone, points.clone());
             // Of no use to an op that computes nothing.
