@@ -211,7 +211,7 @@ impl MaskFiles {
         // Sorted: a PNG comes after a JPEG of the same name.
         let mut listing = list(dir)?;
         let mut files = std::mem::take(&mut listing.names);
-        // What cannot be read of these has no photos of the scene: they were opened.
+        // What cannot be read of these has none of the scene's registered photos: they were opened.
         let mut all_photos = list(&scene.image_dir)?.names;
         if let (Ok(dir), Ok(images)) = (dir.canonicalize(), scene.image_dir.canonicalize()) {
             if dir == images {

@@ -49,15 +49,9 @@ pub(super) fn look(
     let mut most = FIRST_ROUND;
     while !rays.is_empty() {
         let mut round = reached.advance(&mut rays, most);
-        let [of_object, of_background] = &tapes;
-        let samples = &reached.samples;
-        let object_geometry = ask(object, &samples.object, round.object, of_object);
-        let background_geometry = ask(
-            background,
-            &samples.background,
-            round.background,
-            of_background,
-        );
+        let at = &reached.samples;
+        let object_geometry = ask(object, &at.object, round.object, &tapes[0]);
+        let background_geometry = ask(background, &at.background, round.background, &tapes[1]);
         let [of_object, of_background] = rules.transparency;
         let object_values = rows::<{ object_column::COUNT }>(
             &object_geometry,
@@ -99,9 +93,9 @@ pub(super) fn look(
         });
         most *= 2;
     }
-    let [of_object, of_background] = tapes.map(|tape| tape.unwrap_or_default().finish());
-    reached.samples.object.taped = of_object;
-    reached.samples.background.taped = of_background;
+    let [object, background] = tapes.map(|tape| tape.unwrap_or_default().finish());
+    reached.samples.object.taped = object;
+    reached.samples.background.taped = background;
     reached.in_order()
 }
 
