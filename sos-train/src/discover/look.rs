@@ -79,10 +79,11 @@ impl Look {
             .iter()
             .map(|point| data.frame.normalised_from_world(point.position))
             .collect();
-        let ground = plane::ground(&sparse, &cameras, config.seed).or_else(|| {
-            let surface = plane::surface_points(&solid, RESOLUTION);
-            plane::ground_of_surface(&surface, &cameras, config.seed)
-        });
+        let surface = plane::surface_points(&solid, RESOLUTION);
+        let ground = match plane::ground(&sparse, &cameras, config.seed) {
+            Some(ground) => Some(plane::settled(ground, &surface, &cameras)),
+            None => plane::ground_of_surface(&surface, &cameras, config.seed),
+        };
         let parts = Parts::new(&solid, RESOLUTION, ground.as_ref());
         let chosen = hint.choose(&parts, &data, &depths)?;
         Ok(Some(Self {

@@ -33,8 +33,8 @@ use look::Look;
 /// Looks at ever larger regions, at most, while what was found goes on beyond them.
 const MOST_LOOKS: usize = 3;
 /// Steps that the whole scene is learnt for, as a share of the run's, and at most.
-const STEP_SHARE: f32 = 0.3;
-const MOST_STEPS: u32 = 2400;
+const STEP_SHARE: f32 = 0.5;
+const MOST_STEPS: u32 = 4000;
 /// What short runs spend on it, as far as they have as many: with fewer the wrong thing is found.
 const WORTHWHILE_STEPS: u32 = 1500;
 

@@ -58,6 +58,10 @@ const BELOW_GROUND: f32 = 0.06;
 /// Share of points on the ground that it takes, and below it that rules it out.
 const LEAST_ON: f32 = 0.03;
 const MOST_BELOW: f32 = 0.1;
+/// How far below a ground of sparse points its surface is looked for, in the normalised frame.
+const SETTLES: f32 = 0.2;
+/// Share of what faces up at the best height that must do so at the points' own.
+const BORNE_OUT: f32 = 0.5;
 /// Sparse points that planes are tried on: of millions, all would take minutes and say the same.
 const MOST_POINTS: usize = 50_000;
 
@@ -150,6 +154,51 @@ pub fn ground(points: &[Vec3], cameras: &[Vec3], seed: u64) -> Option<Plane> {
         thickness: THICKNESS[0],
         ..plane
     })
+}
+
+/// A `ground` of sparse points, moved down to where most of the fused surface is that faces up.
+///
+/// Where the ground itself has no points, those of the things on it lie on planes as well, a little higher; and a ground
+/// without points has no texture, so that its surface is as uneven as any. A plane that the surface bears out stays as it
+/// is: points are the more exact.
+#[must_use]
+pub fn settled(ground: Plane, surface: &[SurfacePoint], cameras: &[Vec3]) -> Plane {
+    let up: Vec<Vec3> = surface
+        .iter()
+        .filter(|p| ground.normal.dot(p.normal) > FACES_UP)
+        .map(|p| p.at)
+        .collect();
+    let mut heights: Vec<f32> = up.iter().map(|p| ground.height(*p)).collect();
+    heights.retain(|height| height.abs() <= SETTLES + NEAR);
+    heights.sort_by(f32::total_cmp);
+    let around = |height: f32| {
+        let first = heights.partition_point(|h| *h < height - NEAR);
+        let end = heights.partition_point(|h| *h <= height + NEAR);
+        end - first
+    };
+    let best = heights
+        .iter()
+        .copied()
+        .filter(|height| (-SETTLES..=0.0).contains(height))
+        .max_by_key(|height| around(*height));
+    let Some(best) = best.filter(|best| (around(0.0) as f32) < BORNE_OUT * around(*best) as f32)
+    else {
+        return ground;
+    };
+    let mut plane = Plane {
+        offset: ground.offset + best,
+        ..ground
+    };
+    for _ in 0..3 {
+        match fitted(&up, &plane, NEAR, cameras) {
+            Some(better) => plane = better,
+            None => break,
+        }
+    }
+    Plane {
+        thickness: THICKNESS[1],
+        ..plane
+    }
 }
 
 /// The same by fused surfaces, where there are no sparse points: much lies on it and faces up, little
@@ -338,6 +387,51 @@ mod tests {
             "{plane:?}"
         );
         assert_eq!(ground(&points[..50], &cameras, 3), None);
+    }
+
+    #[test]
+    fn a_ground_without_points_is_where_most_of_the_surface_faces_up() {
+        let cameras = [Vec3::new(0.0, 2.0, 2.0), Vec3::new(2.0, 0.0, 2.0)];
+        let flat = |seed: u64, count: usize, half: f32, height: f32| {
+            random_points(seed, count, move |[a, b, c]| {
+                Vec3::new(half * a, half * b, height + 0.03 * c)
+            })
+        };
+        // A bare table, and half as much of flat things on it.
+        let surface: Vec<SurfacePoint> = flat(8, 2000, 1.0, -0.41)
+            .into_iter()
+            .chain(flat(9, 700, 0.5, -0.3))
+            .map(|at| SurfacePoint {
+                at,
+                normal: Vec3::Z,
+            })
+            .collect();
+        let of_points = |offset: f32| Plane {
+            normal: Vec3::new(0.03, 0.0, 1.0).normalize(),
+            offset,
+            thickness: 0.02,
+        };
+        let found = settled(of_points(-0.31), &surface, &cameras);
+        assert!(found.normal.z > 0.9999, "{found:?}");
+        assert!((found.offset + 0.41).abs() < 0.005, "{found:?}");
+        assert!(found.thickness > 0.05, "{found:?}");
+        // What the surface bears out stays, also where more lies higher, and so it does where nothing faces up.
+        assert_eq!(
+            settled(of_points(-0.4), &surface, &cameras),
+            of_points(-0.4)
+        );
+        let higher = flat(10, 9000, 0.5, -0.3)
+            .into_iter()
+            .map(|at| SurfacePoint {
+                at,
+                normal: Vec3::Z,
+            });
+        let with_higher: Vec<SurfacePoint> = surface.iter().copied().chain(higher).collect();
+        assert_eq!(
+            settled(of_points(-0.4), &with_higher, &cameras),
+            of_points(-0.4)
+        );
+        assert_eq!(settled(of_points(-0.31), &[], &cameras), of_points(-0.31));
     }
 
     #[test]
