@@ -124,12 +124,13 @@ pub fn mattes_by_view(
     let truth = list_pictures(&alpha_gt)?;
     let found = contenders
         .iter()
-        .map(|contender| match_views(&alpha_gt, &truth, &contender.mattes()))
+        .map(|contender| match_views(&alpha_gt, &truth.pictures, &contender.mattes()))
         .collect::<Result<Vec<_>, _>>()?;
     Ok(truth
+        .pictures
         .iter()
         .map(|(name, path)| {
-            let files = found.iter().map(|files| files.get(name).cloned());
+            let files = found.iter().map(|files| files.pictures.get(name).cloned());
             let row = std::iter::once(Some(path.clone())).chain(files).collect();
             (name.clone(), row)
         })
@@ -191,6 +192,9 @@ impl Comparison {
                     report.missing.len(),
                     report.views.len()
                 );
+            }
+            for note in &report.notes {
+                let _ = writeln!(out, "{name}: {note}");
             }
         }
         out

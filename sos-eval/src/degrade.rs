@@ -7,7 +7,7 @@
 
 use crate::EvalError;
 use crate::growth::grow;
-use crate::matching::{list_pictures, match_views};
+use crate::matching::{left_out, list_pictures, match_views};
 use crate::picture::{Mask, RgbPlane, Sized2d, assert_same_size, read_alpha, read_rgb};
 use crate::report::MASK_THRESHOLD;
 use crate::splitmix::SplitMix64;
@@ -132,35 +132,45 @@ pub fn degrade(
     }
 }
 
+/// What [`degrade_folder`] wrote.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Degraded {
+    /// Number of masks.
+    pub count: usize,
+    /// What of the folders was left out, a sentence each.
+    pub notes: Vec<String>,
+}
+
 /// Writes masks with a fault, an 8-bit PNG per view of `gt_dir` into the folder `out`, which appears when
-/// all of them are there and may not hold anything before; returns how many.
+/// all of them are there and may not hold anything before.
 ///
-/// `photos` holds a picture per view, matched as in [`compare_folders`](crate::compare_folders).
+/// `photo_dir` holds a picture per view, matched as in [`compare_folders`](crate::compare_folders).
 ///
 /// # Errors
 /// When a folder or picture cannot be read, photos and mattes differ in size, a view has no photo, or a
 /// mask cannot be written.
 pub fn degrade_folder(
     gt_dir: &Path,
-    photos: &Path,
+    photo_dir: &Path,
     fault: Fault,
     share: f64,
     seed: u64,
     out: &Path,
-) -> Result<usize, EvalError> {
+) -> Result<Degraded, EvalError> {
     let truth = list_pictures(gt_dir)?;
-    let photos = match_views(gt_dir, &truth, photos)?;
+    let photos = match_views(gt_dir, &truth.pictures, photo_dir)?;
     let failed = |path: &Path, reason: String| EvalError::Write {
         path: path.to_owned(),
         reason,
     };
     let draft = Draft::beside(out)?;
-    let views: Vec<_> = truth.iter().enumerate().collect();
+    let views: Vec<_> = truth.pictures.iter().enumerate().collect();
     let written = views.par_iter().map(|&(index, (name, path))| {
         let matte = read_alpha(path)?;
-        let photo_path = photos
-            .get(name)
-            .ok_or_else(|| EvalError::NoPhoto { view: name.clone() })?;
+        let photo_path = photos.pictures.get(name).ok_or_else(|| {
+            let nowhere = EvalError::NoPhoto { view: name.clone() };
+            photos.lacks(photo_dir, format!("photo of view {name:?}"), nowhere)
+        })?;
         let photo = read_rgb(photo_path)?;
         if photo.size() != matte.size() {
             return Err(EvalError::SizeMismatch {
@@ -184,9 +194,12 @@ pub fn degrade_folder(
             .map_err(|e| failed(&target, e.to_string()))?;
         Ok(1)
     });
-    let written = written.sum::<Result<usize, EvalError>>()?;
+    let count = written.sum::<Result<usize, EvalError>>()?;
     draft.finish()?;
-    Ok(written)
+    Ok(Degraded {
+        count,
+        notes: left_out([&truth, &photos]),
+    })
 }
 
 fn picture(mask: &Mask) -> GrayImage {
@@ -381,7 +394,7 @@ mod tests {
         std::fs::write(photos.join("b.png"), "no picture").unwrap();
         assert!(degrade().is_err() && !out.exists());
         grey.save(photos.join("b.png")).unwrap();
-        assert_eq!(degrade(), Ok(2));
+        assert_eq!(degrade().unwrap().count, 2);
         // Masks of another call would not be told from these.
         assert!(matches!(degrade(), Err(EvalError::Write { .. })));
         assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2);

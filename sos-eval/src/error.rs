@@ -20,6 +20,18 @@ pub enum EvalError {
         /// The folder.
         path: PathBuf,
     },
+    /// A folder without a picture that is wanted, which may lie in a sub-folder that cannot be read.
+    #[error("{} holds no {wanted}, and its sub-folder {} cannot be read ({reason}): check that you may access it", .path.display(), .closed.display())]
+    ClosedFolder {
+        /// The folder.
+        path: PathBuf,
+        /// What is not in it.
+        wanted: String,
+        /// The sub-folder.
+        closed: PathBuf,
+        /// What the system said.
+        reason: String,
+    },
     /// A picture that cannot be decoded.
     #[error("the picture {} cannot be read ({reason}): export it again as an 8- or 16-bit PNG or JPEG", .path.display())]
     Picture {

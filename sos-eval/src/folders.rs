@@ -2,18 +2,18 @@
 
 use crate::EvalError;
 use crate::holes::fill_holes;
-use crate::matching::{Pictures, list_pictures, match_views};
+use crate::matching::{Pictures, left_out, list_pictures, match_views};
 use crate::picture::{Plane, Sized2d, read_alpha};
 use crate::report::{AlphaScore, Report, ViewScore, score_alpha};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Scores every matte of `pred_dir`, and if given every mask of `start_dir`, against `gt_dir`.
 ///
 /// The pictures of `gt_dir`, and of folders in it, define the views. Files belong together by name without extension,
 /// else by that whatever folder they are in, else by name up to the zero padding of a trailing number, else by trailing
-/// number. A view without a prediction (or start mask) is scored as an empty matte and listed in the report.
+/// number. A view without a prediction (or start mask) is scored as an empty matte and listed in the report. Sub-folders
+/// that cannot be read are noted there, unless a view without a prediction has its place in one, which is an error.
 pub fn compare_folders(
     pred_dir: &Path,
     gt_dir: &Path,
@@ -43,18 +43,19 @@ fn compare(
     read: impl Fn(&Path) -> Result<Plane, EvalError> + Sync,
 ) -> Result<Report, EvalError> {
     let truth = list_pictures(gt_dir)?;
-    let pred = match_views(gt_dir, &truth, pred_dir)?;
+    let pred = match_views(gt_dir, &truth.pictures, pred_dir)?;
     let start = start_dir
-        .map(|dir| match_views(gt_dir, &truth, dir))
+        .map(|dir| match_views(gt_dir, &truth.pictures, dir))
         .transpose()?;
     let scores = truth
+        .pictures
         .par_iter()
         .map(|(name, path)| {
             let alpha = read(path)?;
-            let view = score_file(pred.get(name), path, &alpha, &read)?;
+            let view = score_file(pred.pictures.get(name), path, &alpha, &read)?;
             let start = start
                 .as_ref()
-                .map(|start| score_file(start.get(name), path, &alpha, &read))
+                .map(|start| score_file(start.pictures.get(name), path, &alpha, &read))
                 .transpose()?;
             Ok((
                 ViewScore {
@@ -76,11 +77,12 @@ fn compare(
         plate: None,
         clean_plate: None,
         mesh: None,
-        missing: unmatched(&truth, &pred),
+        missing: unmatched(&truth.pictures, &pred.pictures),
         start_missing: start
-            .map(|start| unmatched(&truth, &start))
+            .as_ref()
+            .map(|start| unmatched(&truth.pictures, &start.pictures))
             .unwrap_or_default(),
-        notes: Vec::new(),
+        notes: left_out([&truth, &pred].into_iter().chain(&start)),
     })
 }
 
@@ -99,7 +101,7 @@ fn score_file(
 }
 
 /// Views of the truth that the other folder lacks.
-pub(crate) fn unmatched(truth: &Pictures, matched: &BTreeMap<String, PathBuf>) -> Vec<String> {
+pub(crate) fn unmatched(truth: &Pictures, matched: &Pictures) -> Vec<String> {
     truth
         .keys()
         .filter(|name| !matched.contains_key(*name))

@@ -65,7 +65,7 @@ pub use boundary::{BOUNDARY_SHARE, band_width, boundary_band, boundary_iou};
 pub use comparison::{
     Compared, Comparison, Contender, ViewFiles, compare_contenders, mattes_by_view,
 };
-pub use degrade::{Fault, degrade, degrade_folder};
+pub use degrade::{Degraded, Fault, degrade, degrade_folder};
 pub use error::EvalError;
 pub use folders::{compare_folders, compare_silhouettes};
 pub use glam;

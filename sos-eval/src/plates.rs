@@ -3,7 +3,7 @@
 use crate::EvalError;
 use crate::folders::{check_size, unmatched};
 use crate::image_quality::{psnr_of_mse, squared_error, ssim_map, sum_in, whole_mean};
-use crate::matching::{list_pictures, match_views};
+use crate::matching::{left_out, list_pictures, match_views};
 use crate::picture::{Mask, Plane, RgbPlane, read_alpha, read_counts_at_least, read_rgb};
 use crate::report::MASK_THRESHOLD;
 use rayon::prelude::*;
@@ -52,6 +52,9 @@ pub struct PlateScore {
     /// seen map (where there is a folder of them).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub missing: Vec<String>,
+    /// What was there but could not be scored, and why. In a run's report it is among that one's notes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
 }
 
 /// Compares the plates of `pred_dir` with the true ones of `gt_dir`, view by view, inside the object
@@ -67,11 +70,14 @@ pub fn compare_plates(
     min_seen: u8,
 ) -> Result<PlateScore, EvalError> {
     let truth = list_pictures(gt_dir)?;
-    let pred = match_views(gt_dir, &truth, pred_dir)?;
-    let regions = match_views(gt_dir, &truth, region_alpha_dir)?;
+    let pred = match_views(gt_dir, &truth.pictures, pred_dir)?;
+    let regions = match_views(gt_dir, &truth.pictures, region_alpha_dir)?;
     let seen = seen_dir
-        .map(|dir| match_views(gt_dir, &truth, dir))
+        .map(|dir| match_views(gt_dir, &truth.pictures, dir))
         .transpose()?;
+    let notes = left_out([&truth, &pred, &regions].into_iter().chain(&seen));
+    let [truth, pred, regions] = [truth, pred, regions].map(|listing| listing.pictures);
+    let seen = seen.map(|listing| listing.pictures);
     let sums = truth
         .par_iter()
         .filter_map(|(name, path)| {
@@ -106,6 +112,7 @@ pub fn compare_plates(
             .map(|name| name.to_string_lossy().into_owned())
             .unwrap_or_default(),
         missing,
+        notes,
     })
 }
 

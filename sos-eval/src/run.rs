@@ -6,6 +6,7 @@ use crate::mesh::{MESH_SAMPLES, compare_meshes};
 use crate::plates::{MIN_SEEN, compare_plates};
 use crate::ply::read_ply;
 use crate::report::Report;
+use std::collections::HashSet;
 use std::path::Path;
 
 /// Seed of the points drawn on the meshes.
@@ -40,6 +41,15 @@ pub fn run_eval(run_dir: &Path, gt_dir: &Path, start: Option<&Path>) -> Result<R
         .map(|truth| compare_plates(&plates, &truth, &alpha_gt, seen.as_deref(), MIN_SEEN));
     report.plate = scores.next().transpose()?;
     report.clean_plate = scores.next().transpose()?;
+    for plate in [&mut report.plate, &mut report.clean_plate]
+        .into_iter()
+        .flatten()
+    {
+        report.notes.append(&mut plate.notes);
+    }
+    // Folders that several scores are of are noted once.
+    let mut noted = HashSet::new();
+    report.notes.retain(|note| noted.insert(note.clone()));
 
     let mesh = run_dir.join("mesh.ply");
     if let Some(truth) = beside("mesh_gt.ply")

@@ -149,8 +149,80 @@ fn pictures_in_folders_are_found() {
 
     let photos = root.path().join("photos");
     let written = degrade_folder(&truth, &photos, Fault::Eroded, 0.2, 1, &out).unwrap();
-    assert_eq!(written, 2);
+    assert_eq!((written.count, written.notes.len()), (2, 0));
     assert!(out.join("left/01.png").is_file() && out.join("right/01.png").is_file());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_closed_sub_folder_costs_no_view_in_others() {
+    use std::fs::Permissions;
+    use std::os::unix::fs::PermissionsExt as _;
+    let (root, pred, truth, start) = scene();
+    let closed = [&pred, &truth, &start].map(|folder| folder.join("lost+found"));
+    for folder in &closed {
+        fs::create_dir_all(folder).unwrap();
+        fs::set_permissions(folder, Permissions::from_mode(0o000)).unwrap();
+    }
+    if fs::read_dir(&closed[0]).is_ok() {
+        eprintln!("skipped: this user may read every folder");
+        return;
+    }
+    let says = |error: EvalError, what: &str| {
+        let text = error.to_string();
+        assert!(
+            text.contains(what)
+                && text.contains("lost+found cannot be read (")
+                && text.contains("check that you may access it"),
+            "{text}"
+        );
+    };
+    let score = || compare_folders(&pred, &truth, Some(&start));
+    says(score().unwrap_err(), "pred holds no .png");
+    let matte = disc(40, 20.0, 20.0, 10.0);
+    save(&matte, &pred.join("cat.png"));
+    says(score().unwrap_err(), "pred holds no picture with the name");
+    fs::remove_file(pred.join("cat.png")).unwrap();
+    for i in 0..3 {
+        save(&matte, &pred.join(format!("{i:03}.png")));
+    }
+    save(&matte, &start.join("001.png"));
+    let report = score().unwrap();
+    assert_eq!((report.views.len(), report.mean.iou), (3, 1.0));
+    assert_eq!(report.notes.len(), 3, "{:?}", report.notes);
+    let noted = report.table(0);
+    let noted = noted.matches("lost+found cannot be read and is left out (");
+    assert_eq!(noted.count(), 3);
+    // The truth's is named for each contender.
+    let contenders = [&pred, &start].map(|dir| Contender::parse(dir.to_str().unwrap()));
+    let table = compare_contenders(&contenders, &truth).unwrap().table();
+    assert_eq!(table.matches("lost+found").count(), 4, "{table}");
+
+    let out = root.path().join("out");
+    let degrade = || degrade_folder(&truth, &start, Fault::Eroded, 0.2, 1, &out);
+    says(degrade().unwrap_err(), "start holds no photo of view \"00");
+    for i in [0, 2] {
+        save(&matte, &start.join(format!("{i:03}.png")));
+    }
+    let written = degrade().unwrap();
+    assert_eq!((written.count, written.notes.len()), (3, 2));
+
+    // What nobody could see is not counted as empty.
+    save(&matte, &truth.join("right/000.png"));
+    let seen = score().unwrap();
+    assert_eq!(seen.missing, ["right/000"]);
+    let unseen = pred.join("right");
+    fs::create_dir(&unseen).unwrap();
+    fs::set_permissions(&unseen, Permissions::from_mode(0o000)).unwrap();
+    let text = score().unwrap_err().to_string();
+    assert!(
+        text.contains("holds no picture of view \"right/000\"")
+            && text.contains("pred/right cannot be read ("),
+        "{text}"
+    );
+    for folder in closed.iter().chain([&unseen]) {
+        fs::set_permissions(folder, Permissions::from_mode(0o700)).unwrap();
+    }
 }
 
 #[test]

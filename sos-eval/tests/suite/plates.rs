@@ -108,6 +108,38 @@ fn psnr_is_averaged_over_views_or_pooled() {
     assert_eq!(score.object.unwrap().views, 1);
 }
 
+#[cfg(unix)]
+#[test]
+fn closed_sub_folders_of_a_run_are_noted_once() {
+    use std::fs::Permissions;
+    use std::os::unix::fs::PermissionsExt as _;
+    let root = tempfile::tempdir().unwrap();
+    let (run, scene) = (root.path().join("run"), root.path().join("scene"));
+    run_and_scene(root.path());
+    let truth = scene.join("alpha_gt");
+    let closed = [run.join("background"), truth.clone()].map(|folder| folder.join("lost+found"));
+    for folder in &closed {
+        fs::create_dir(folder).unwrap();
+        fs::set_permissions(folder, Permissions::from_mode(0o000)).unwrap();
+    }
+    if fs::read_dir(&closed[0]).is_ok() {
+        eprintln!("skipped: this user may read every folder");
+        return;
+    }
+    let report = run_eval(&run, &scene, None).unwrap();
+    let plate = report.plate.unwrap();
+    assert_eq!((plate.whole.unwrap().views, plate.missing.len()), (2, 0));
+    assert_eq!(report.notes.len(), 2, "{:?}", report.notes);
+    assert!(report.notes[0].contains("alpha_gt/lost+found cannot be read"));
+    assert!(report.notes[1].contains("background/lost+found cannot be read"));
+    let (plates, plate_truth) = (run.join("background"), scene.join("background_gt"));
+    let alone = compare_plates(&plates, &plate_truth, &truth, None, 3).unwrap();
+    assert_eq!(alone.notes.len(), 2, "{:?}", alone.notes);
+    for folder in &closed {
+        fs::set_permissions(folder, Permissions::from_mode(0o700)).unwrap();
+    }
+}
+
 const TRIANGLE: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
 element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
 
