@@ -111,7 +111,13 @@ pub fn export(
 ) -> Result<Written, ExportError> {
     let run = Run::open(run)?;
     let draft = Draft::begin(out, options.existing)?;
-    let mut notes = Vec::new();
+    // What takes every photo of the scene fails where it has no matte.
+    let mut notes = match product {
+        Product::Files(Target::Exr | Target::Alpha8 | Target::Premultiplied | Target::Video) => {
+            run.left_out()
+        }
+        _ => Vec::new(),
+    };
     let count = match product {
         Product::Files(Target::Exr) => exr_layers::write(&run, &draft)?,
         Product::Files(Target::Obj) => {

@@ -3,17 +3,20 @@
 use crate::error::ExportError;
 use crate::picture::{Cutout, Matte};
 use image::{DynamicImage, ImageReader};
-use io_colmap::{Camera, Scene, View};
+use io_colmap::{Camera, Listing, Scene, View};
 use std::collections::BTreeMap;
 use std::fs;
+use std::io;
 use std::path::{Component, Path, PathBuf};
 
 /// A run with at least one matte.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(crate) struct Run {
     pub(crate) root: PathBuf,
     /// One per matte: its path below `alpha/` without ending, with `/` between folders, sorted.
     pub(crate) keys: Vec<String>,
+    /// What of `alpha/` cannot be read; names are in `keys`.
+    unread: Listing,
 }
 
 /// A photo of the scene with the run's matte of it.
@@ -45,22 +48,53 @@ impl Run {
             ));
         }
         let alpha = root.join("alpha");
-        let mut keys = Vec::new();
+        let mut listing = Listing::default();
         if alpha.is_dir() {
-            collect(&alpha, "", &mut keys)?;
+            collect(&alpha, "", &mut listing).map_err(|e| ExportError::io("list", &alpha, e))?;
         }
-        keys.sort();
-        if keys.is_empty() {
-            return Err(ExportError::bad(
+        listing.names.sort();
+        listing.closed.sort_by(|a, b| a.0.cmp(&b.0));
+        let run = Self {
+            root: root.to_path_buf(),
+            keys: std::mem::take(&mut listing.names),
+            unread: listing,
+        };
+        if run.keys.is_empty() {
+            return Err(run.lacks_matte(
                 &alpha,
                 "there are no mattes in it yet",
+                |_| true,
                 format!("let the run come to its end: {}", resumed(root)),
             ));
         }
-        Ok(Self {
-            root: root.to_path_buf(),
-            keys,
-        })
+        Ok(run)
+    }
+
+    /// What of the mattes is left out, a sentence each.
+    pub(crate) fn left_out(&self) -> Vec<String> {
+        self.unread.notes("mattes")
+    }
+
+    /// There is no matte at `path`. Where a sub-folder that cannot be read `may_hold` it, that is the reason.
+    fn lacks_matte(
+        &self,
+        path: &Path,
+        what: impl Into<String>,
+        may_hold: impl Fn(&Path) -> bool,
+        remedy: impl Into<String>,
+    ) -> ExportError {
+        let what = what.into();
+        let mut closed = self.unread.closed.iter();
+        match closed.find(|(folder, _)| may_hold(folder)) {
+            Some((folder, error)) => {
+                let what = format!(
+                    "{what}, and the sub-folder {} cannot be read ({error})",
+                    folder.display()
+                );
+                ExportError::bad(path, what, io_colmap::remedy(error))
+            }
+            None => ExportError::bad(path, what, remedy),
+        }
     }
 
     /// Where a view's picture lies.
@@ -204,14 +238,16 @@ impl Run {
                 let camera = scene.model.cameras.get(&view.camera_id);
                 let key = by_key.get_key_value(wanted.as_str());
                 let (Some((key, ())), Some(camera)) = (key, camera) else {
-                    return Err(ExportError::bad(
-                        &self.picture_path("alpha", &wanted, "png"),
+                    let path = self.picture_path("alpha", &wanted, "png");
+                    return Err(self.lacks_matte(
+                        &path,
                         format!(
                             "the run has no matte of {:?}, one of the {} photos in {}",
                             view.name,
                             views.len(),
                             scene.root.display()
                         ),
+                        |folder| path.starts_with(folder),
                         "give the scene that the run was made from with --scene",
                     ));
                 };
@@ -275,11 +311,10 @@ pub fn quoted(path: &Path) -> String {
     }
 }
 
-/// The PNG files below a folder.
-fn collect(folder: &Path, prefix: &str, keys: &mut Vec<String>) -> Result<(), ExportError> {
-    let fail = |e| ExportError::io("list", folder, e);
-    for entry in fs::read_dir(folder).map_err(fail)? {
-        let entry = entry.map_err(fail)?;
+/// The PNG files below a folder, and its sub-folders that cannot be read, whose files may not be wanted.
+fn collect(folder: &Path, prefix: &str, listing: &mut Listing) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
         let name = entry.file_name().to_string_lossy().into_owned();
         if name.starts_with('.') {
             continue;
@@ -287,11 +322,13 @@ fn collect(folder: &Path, prefix: &str, keys: &mut Vec<String>) -> Result<(), Ex
         let path = entry.path();
         if path.is_dir() {
             // A link could lead back here.
-            if !path.is_symlink() {
-                collect(&path, &format!("{prefix}{name}/"), keys)?;
+            if !path.is_symlink()
+                && let Err(error) = collect(&path, &format!("{prefix}{name}/"), listing)
+            {
+                listing.closed.push((path, error));
             }
         } else if let Some(stem) = name.strip_suffix(".png") {
-            keys.push(format!("{prefix}{stem}"));
+            listing.names.push(format!("{prefix}{stem}"));
         }
     }
     Ok(())

@@ -37,6 +37,67 @@ fn folders_without_a_finished_run_are_refused() {
     );
 }
 
+#[cfg(unix)]
+#[test]
+fn a_closed_sub_folder_costs_no_matte_in_others() {
+    use std::fs::Permissions;
+    use std::os::unix::fs::PermissionsExt as _;
+    let rig = Rig::new();
+    let close = |name: &str, mode| {
+        let folder = rig.run().join(name);
+        fs::create_dir_all(&folder).unwrap();
+        fs::set_permissions(&folder, Permissions::from_mode(mode)).unwrap();
+        fs::read_dir(folder).is_err()
+    };
+    if !close("alpha/lost+found", 0o000) {
+        eprintln!("skipped: this user may read every folder");
+        return;
+    }
+    let (_, written) = rig.files(Target::Alpha8);
+    assert_eq!((written.count, written.notes.len()), (4, 1));
+    let note = &written.notes[0];
+    assert!(
+        note.contains("lost+found cannot be read and is left out ("),
+        "{note}"
+    );
+    let record = fs::read_to_string(rig.out().join("export.txt")).unwrap();
+    assert!(record.contains(note), "{record}");
+    // Nothing is left out where every photo has its matte.
+    fs::remove_dir_all(rig.out()).unwrap();
+    let (_, written) = rig.files(Target::ColmapScene);
+    assert!(
+        written
+            .notes
+            .iter()
+            .all(|note| !note.contains("lost+found"))
+    );
+    fs::remove_dir_all(rig.out()).unwrap();
+
+    // One photo's matte is in there.
+    close("alpha/cam2", 0o000);
+    let (_, written) = rig.files(Target::Alpha8);
+    assert_eq!((written.count, written.notes.len()), (3, 2));
+    fs::remove_dir_all(rig.out()).unwrap();
+    let text = complaint(&rig, Product::Files(Target::Coco));
+    assert!(
+        text.contains("no matte of \"cam2/b.c.png\"")
+            && text.contains("alpha/cam2 cannot be read (")
+            && text.ends_with("; check that you may access it, or choose another place"),
+        "{text}"
+    );
+    for name in ["000.png", "001.png", "002.png"] {
+        fs::remove_file(rig.run().join("alpha").join(name)).unwrap();
+    }
+    let text = complaint(&rig, Product::Files(Target::Alpha8));
+    assert!(
+        text.contains("no mattes in it yet") && text.contains("alpha/cam2 cannot be read ("),
+        "{text}"
+    );
+    for name in ["alpha/lost+found", "alpha/cam2"] {
+        close(name, 0o700);
+    }
+}
+
 #[test]
 fn damaged_pictures_are_named() {
     let exr = Product::Files(Target::Exr);
