@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The operating system refused to read or write a file.
-    #[error("cannot {action} {}: {source}; {}", path.display(), remedy(source))]
+    #[error("cannot {action} {}: {source}; {}", path.display(), remedy(action, source))]
     Io {
         /// `read`, `write`, `list` or `create`.
         action: &'static str,
@@ -58,9 +58,10 @@ pub struct UnknownWord {
     pub(crate) list: String,
 }
 
-fn remedy(error: &io::Error) -> &'static str {
+fn remedy(action: &str, error: &io::Error) -> &'static str {
+    let is_read = ["read", "list"].contains(&action);
     match error.kind() {
-        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem if !is_read => {
             "choose a folder you may write to with --out"
         }
         _ => io_colmap::remedy(error),

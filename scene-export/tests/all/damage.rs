@@ -93,7 +93,14 @@ fn a_closed_sub_folder_costs_no_matte_in_others() {
         text.contains("no mattes in it yet") && text.contains("alpha/cam2 cannot be read ("),
         "{text}"
     );
-    for name in ["alpha/lost+found", "alpha/cam2"] {
+    // Where nothing in it can be read, no other place to write to is of use.
+    close("alpha", 0o000);
+    let text = complaint(&rig, Product::Files(Target::Alpha8));
+    assert!(
+        text.contains("cannot list") && text.contains("check that you may access it"),
+        "{text}"
+    );
+    for name in ["alpha", "alpha/lost+found", "alpha/cam2"] {
         close(name, 0o700);
     }
 }
