@@ -29,6 +29,14 @@ pub(crate) struct Matches {
     pub(crate) guess: Option<String>,
 }
 
+/// Whether lists of files are complete: none has what is in folders that cannot be read, and names that are not
+/// Unicode.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Whole {
+    pub(crate) all_photos: bool,
+    pub(crate) masks: bool,
+}
+
 /// The path without its last ending: `a/b.jpg.png` gives `a/b.jpg`.
 fn without_ending(path: &str) -> &str {
     let file_at = path.rfind('/').map_or(0, |i| i + 1);
@@ -62,10 +70,11 @@ pub(crate) fn match_masks(
     photos: &[&str],
     all_photos: &[String],
     masks: &[String],
+    whole: Whole,
 ) -> Option<Matches> {
     let Some(named) = by_name(photos, masks) else {
         return by_number(photos, all_photos, masks)
-            .or_else(|| by_order(photos, all_photos, masks));
+            .or_else(|| by_order(photos, all_photos, masks, whole));
     };
     if named.is_complete() {
         return Some(named);
@@ -182,12 +191,20 @@ fn by_number(photos: &[&str], all_photos: &[String], masks: &[String]) -> Option
     })
 }
 
-/// As many masks as photos: the first belongs to the first, and so on.
-fn by_order(photos: &[&str], all_photos: &[String], masks: &[String]) -> Option<Matches> {
+/// As many masks as photos: the first belongs to the first, and so on. One that is not in the list would move all
+/// that come after it.
+fn by_order(
+    photos: &[&str],
+    all_photos: &[String],
+    masks: &[String],
+    whole: Whole,
+) -> Option<Matches> {
     let everything: Vec<&str> = all_photos.iter().map(String::as_str).collect();
-    let list: &[&str] = if masks.len() == photos.len() {
+    let list: &[&str] = if !whole.masks {
+        return None;
+    } else if masks.len() == photos.len() {
         photos
-    } else if masks.len() == everything.len() {
+    } else if whole.all_photos && masks.len() == everything.len() {
         &everything
     } else {
         return None;
@@ -240,10 +257,15 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
+    const WHOLE: Whole = Whole {
+        all_photos: true,
+        masks: true,
+    };
+
     fn pairs(photos: &[&str], masks: &[&str]) -> Option<Vec<Option<usize>>> {
         let masks: Vec<String> = masks.iter().map(|m| (*m).to_owned()).collect();
         let all: Vec<String> = photos.iter().map(|m| (*m).to_owned()).collect();
-        match_masks(photos, &all, &masks).map(|m| m.mask_of)
+        match_masks(photos, &all, &masks, WHOLE).map(|m| m.mask_of)
     }
 
     #[test]
@@ -297,6 +319,35 @@ mod tests {
     }
 
     #[test]
+    fn the_order_of_a_part_is_not_that_of_all() {
+        let names = |names: &[&str]| -> Vec<String> {
+            names.iter().map(|name| (*name).to_owned()).collect()
+        };
+        let (all, masks) = (
+            names(&["x.jpg", "y.jpg", "z.jpg"]),
+            names(&["m.png", "n.png"]),
+        );
+        let matched = |photos: &[&str], all_photos: &[String], whole| {
+            match_masks(photos, all_photos, &masks, whole).map(|matches| matches.mask_of)
+        };
+        let no_masks = Whole {
+            masks: false,
+            ..WHOLE
+        };
+        let no_photos = Whole {
+            all_photos: false,
+            ..WHOLE
+        };
+        let both = Some(vec![Some(0), Some(1)]);
+        assert_eq!(matched(&["x.jpg", "y.jpg"], &all, WHOLE), both);
+        assert_eq!(matched(&["x.jpg", "y.jpg"], &all, no_masks), None);
+        // The registered photos are known whatever else lies beside them.
+        assert_eq!(matched(&["x.jpg", "y.jpg"], &all, no_photos), both);
+        assert_eq!(matched(&["y.jpg"], &all[..2], WHOLE), Some(vec![Some(1)]));
+        assert_eq!(matched(&["y.jpg"], &all[..2], no_photos), None);
+    }
+
+    #[test]
     fn names_that_fit_for_some_do_not_hide_numbers_that_fit_for_more() {
         let photos = ["98.png", "99.png", "100.png", "101.png"];
         assert_eq!(
@@ -323,6 +374,11 @@ mod tests {
         assert_eq!(trailing_number("ü.png"), None);
         assert_eq!(trailing_number(".7"), Some(7));
         assert_eq!(trailing_number(&"9".repeat(60)), None);
-        assert!(match_masks(&[], &[], &[]).unwrap().mask_of.is_empty());
+        assert!(
+            match_masks(&[], &[], &[], WHOLE)
+                .unwrap()
+                .mask_of
+                .is_empty()
+        );
     }
 }

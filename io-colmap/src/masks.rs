@@ -2,7 +2,7 @@
 
 use crate::error::{ColmapError, remedy};
 use crate::listing::Search;
-use crate::mask_names::match_masks;
+use crate::mask_names::{Whole, match_masks};
 use crate::photo::PICTURE_ENDINGS;
 use crate::polarity::{Polarity, Share, decide};
 use crate::scene::{Scene, same_shape};
@@ -212,7 +212,8 @@ impl MaskFiles {
         let mut listing = list(dir)?;
         let mut files = std::mem::take(&mut listing.names);
         // What cannot be read of these has none of the scene's registered photos: they were opened.
-        let mut all_photos = list(&scene.image_dir)?.names;
+        let mut photo_listing = list(&scene.image_dir)?;
+        let mut all_photos = std::mem::take(&mut photo_listing.names);
         if let (Ok(dir), Ok(images)) = (dir.canonicalize(), scene.image_dir.canonicalize()) {
             if dir == images {
                 let registered: HashSet<&str> = photos.iter().copied().collect();
@@ -235,18 +236,26 @@ impl MaskFiles {
                 None => ColmapError::mask(dir, what, "give the folder the masks lie in"),
             });
         }
-        let Some(matches) = match_masks(&photos, &all_photos, &files) else {
-            return Err(ColmapError::mask(
-                dir,
-                format!(
-                    "none of the {} masks (such as {:?}) can be matched to one of the {} photos (such as {:?})",
-                    files.len(),
-                    files[0],
-                    photos.len(),
-                    photos.first().copied().unwrap_or_default()
-                ),
-                "name each mask like its photo, with the ending .png",
-            ));
+        let about_masks = listing.notes("masks");
+        let about_photos = photo_listing.notes("photos");
+        let whole = Whole {
+            all_photos: about_photos.is_empty(),
+            masks: about_masks.is_empty(),
+        };
+        let Some(matches) = match_masks(&photos, &all_photos, &files, whole) else {
+            let mut what = format!(
+                "none of the {} masks (such as {:?}) can be matched to one of the {} photos (such as {:?})",
+                files.len(),
+                files[0],
+                photos.len(),
+                photos.first().copied().unwrap_or_default()
+            );
+            let mut remedy = "name each mask like its photo, with the ending .png".to_owned();
+            if let Some(unknown) = about_masks.iter().chain(&about_photos).next() {
+                what.push_str(&format!(", and their order is not known: {unknown}"));
+                remedy = format!("make all of them readable, or {remedy}");
+            }
+            return Err(ColmapError::mask(dir, what, remedy));
         };
         let paths: Vec<Option<PathBuf>> = matches
             .mask_of
@@ -254,7 +263,7 @@ impl MaskFiles {
             .map(|m| m.map(|i| dir.join(&files[i])))
             .collect();
         let mut notes: Vec<String> = matches.guess.into_iter().collect();
-        notes.extend(listing.notes("masks"));
+        notes.extend(about_masks);
         let unused = files.len() - paths.iter().flatten().count();
         if unused > 0 {
             notes.push(format!(

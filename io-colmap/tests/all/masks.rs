@@ -118,6 +118,22 @@ fn a_closed_sub_folder_costs_no_mask_in_others() {
         error.contains("holds no masks") && error.contains("lost+found cannot be read"),
         "{error}"
     );
+    // As many as photos, but nobody knows whether that is all.
+    let others = ["w.png", "x.png", "y.png", "z.png"];
+    for name in others {
+        save(&masks, name, disc(64, 48, 255, 0));
+    }
+    let error = MaskSet::find(&masks, &scene, None).unwrap_err().to_string();
+    assert!(
+        error.contains("none of the 4 masks")
+            && error.contains("their order is not known: the sub-folder ")
+            && error.contains("masks/lost+found cannot be read")
+            && error.contains("; make all of them readable, or name each mask like its photo"),
+        "{error}"
+    );
+    for name in others {
+        fs::remove_file(masks.join(name)).unwrap();
+    }
     save(&masks, "p0.png", disc(64, 48, 255, 0));
     let set = MaskSet::find(&masks, &scene, None).unwrap();
     assert_eq!(set.paths[0], Some(masks.join("p0.png")));
