@@ -1,4 +1,6 @@
 use crate::{assert_near, disc};
+#[cfg(unix)]
+use crate::{make_closed, open_again};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, Rgba, RgbaImage};
 use sos_eval::*;
 use std::fs;
@@ -156,16 +158,9 @@ fn pictures_in_folders_are_found() {
 #[cfg(unix)]
 #[test]
 fn a_closed_sub_folder_costs_no_view_in_others() {
-    use std::fs::Permissions;
-    use std::os::unix::fs::PermissionsExt as _;
     let (root, pred, truth, start) = scene();
     let closed = [&pred, &truth, &start].map(|folder| folder.join("lost+found"));
-    for folder in &closed {
-        fs::create_dir_all(folder).unwrap();
-        fs::set_permissions(folder, Permissions::from_mode(0o000)).unwrap();
-    }
-    if fs::read_dir(&closed[0]).is_ok() {
-        eprintln!("skipped: this user may read every folder");
+    if !make_closed(&closed) {
         return;
     }
     let says = |error: EvalError, what: &str| {
@@ -212,17 +207,15 @@ fn a_closed_sub_folder_costs_no_view_in_others() {
     let seen = score().unwrap();
     assert_eq!(seen.missing, ["right/000"]);
     let unseen = pred.join("right");
-    fs::create_dir(&unseen).unwrap();
-    fs::set_permissions(&unseen, Permissions::from_mode(0o000)).unwrap();
+    assert!(make_closed(std::slice::from_ref(&unseen)));
     let text = score().unwrap_err().to_string();
     assert!(
         text.contains("holds no picture of view \"right/000\"")
             && text.contains("pred/right cannot be read ("),
         "{text}"
     );
-    for folder in closed.iter().chain([&unseen]) {
-        fs::set_permissions(folder, Permissions::from_mode(0o700)).unwrap();
-    }
+    open_again(&closed);
+    open_again(&[unseen]);
 }
 
 #[test]

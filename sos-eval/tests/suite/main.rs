@@ -13,6 +13,8 @@ mod plates;
 mod shared_scenes;
 
 use sos_eval::Plane;
+#[cfg(unix)]
+use std::{fs, path::PathBuf};
 
 /// A reproducible plane of smooth blobs, so that masks of it have several components.
 fn blobs(width: usize, height: usize, seed: u32) -> Plane {
@@ -30,6 +32,34 @@ fn disc(size: usize, cx: f32, cy: f32, radius: f32) -> Plane {
     Plane::from_fn(size, size, |x, y| {
         (radius + 0.5 - (x as f32 - cx).hypot(y as f32 - cy)).clamp(0.0, 1.0)
     })
+}
+
+/// Makes `folders` that nobody may read; `false`, with a printed reason, where this user may read them all the same.
+#[cfg(unix)]
+fn make_closed(folders: &[PathBuf]) -> bool {
+    for folder in folders {
+        fs::create_dir_all(folder).unwrap();
+    }
+    set_mode(folders, 0o000);
+    let closed = folders.iter().all(|folder| fs::read_dir(folder).is_err());
+    if !closed {
+        eprintln!("skipped: this user may read every folder");
+    }
+    closed
+}
+
+/// So that they can be deleted.
+#[cfg(unix)]
+fn open_again(folders: &[PathBuf]) {
+    set_mode(folders, 0o700);
+}
+
+#[cfg(unix)]
+fn set_mode(folders: &[PathBuf], mode: u32) {
+    use std::os::unix::fs::PermissionsExt as _;
+    for folder in folders {
+        fs::set_permissions(folder, fs::Permissions::from_mode(mode)).unwrap();
+    }
 }
 
 #[track_caller]
