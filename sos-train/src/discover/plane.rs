@@ -156,7 +156,7 @@ pub fn ground(points: &[Vec3], cameras: &[Vec3], seed: u64) -> Option<Plane> {
     })
 }
 
-/// A `ground` of sparse points, moved down to where most of the fused surface is that faces up.
+/// A `ground` of sparse points, moved down to where most of the fused surface is that faces up; all in the normalised frame.
 ///
 /// Where the ground itself has no points, those of the things on it lie on planes as well, a little higher; and a ground
 /// without points has no texture, so that its surface is as uneven as any. A plane that the surface bears out stays as it
@@ -201,8 +201,8 @@ pub fn settled(ground: Plane, surface: &[SurfacePoint], cameras: &[Vec3]) -> Pla
     }
 }
 
-/// The same by fused surfaces, where there are no sparse points: much lies on it and faces up, little
-/// below, and it goes on to the region's border.
+/// The plane that a scene stands on by its fused surfaces, where there are no sparse points: much lies on it and faces
+/// up, little below, and it goes on to the region's border.
 #[must_use]
 pub fn ground_of_surface(surface: &[SurfacePoint], cameras: &[Vec3], seed: u64) -> Option<Plane> {
     let stride = (surface.len() / JUDGES).max(1);
@@ -397,7 +397,7 @@ mod tests {
                 Vec3::new(half * a, half * b, height + 0.03 * c)
             })
         };
-        // A bare table, and half as much of flat things on it.
+        // A bare table, and a third as much of flat things on it.
         let surface: Vec<SurfacePoint> = flat(8, 2000, 1.0, -0.41)
             .into_iter()
             .chain(flat(9, 700, 0.5, -0.3))
