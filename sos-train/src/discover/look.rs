@@ -7,6 +7,7 @@ use io_colmap::SparsePoint;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::hint::Hint;
+use super::humps;
 use super::parts::{PartSet, Parts};
 use super::plane;
 use crate::config::TrainConfig;
@@ -21,7 +22,7 @@ use crate::train::carve::fusion::fuse;
 /// Voxels per axis on which shapes are told apart.
 const RESOLUTION: usize = 160;
 /// Rays whose depths are asked, in all views together, at most.
-const RAYS: usize = 1_500_000;
+const RAYS: usize = 4_000_000;
 /// Pixels between the rays of a silhouette.
 const STRIDE: u32 = 2;
 /// How much of what was found must be found again for it to be the same.
@@ -69,7 +70,7 @@ impl Look {
             progress(trainer.step_number(), config.steps);
         }
         let depths = depth_pictures(&trainer.freeze_before(), &data, RAYS);
-        let solid = fuse(&data, &depths, &data.map, 0.5, f32::INFINITY);
+        let mut solid = fuse(&data, &depths, &data.map, 0.5, f32::INFINITY);
         let cameras: Vec<Vec3> = data
             .views
             .iter()
@@ -84,6 +85,10 @@ impl Look {
             Some(ground) => Some(plane::settled(ground, &surface, &cameras)),
             None => plane::ground_of_surface(&surface, &cameras, config.seed),
         };
+        if let Some(ground) = &ground {
+            let eyes = humps::Eyes::new(&data.views, &data.frame, &depths);
+            humps::flatten(&mut solid, RESOLUTION, ground, &eyes);
+        }
         let parts = Parts::new(&solid, RESOLUTION, ground.as_ref());
         let chosen = hint.choose(&parts, &data, &depths)?;
         Ok(Some(Self {

@@ -2,8 +2,8 @@
 //!
 //! A capture says what it is of by where its cameras look. So a background field learns the whole
 //! region of interest ([`region`]) for a while; its depths, fused, are solid shapes; the plane that
-//! things stand on is taken away ([`plane`]); and of the parts that remain, the object is the one in
-//! the middle, or the one that a hint points at ([`parts`]). Where it goes on beyond the region, a larger
+//! things stand on is taken away ([`plane`]), and with it what bulges out of it (`humps.rs`); and of the parts
+//! that remain, the object is the one in the middle, or the one that a hint points at ([`parts`]). Where it goes on beyond the region, a larger
 //! one is looked at in the same way; where that is of no use, it is parted from what hangs on it by thin bridges
 //! (`cores.rs`). Every view's pixels that show this part
 //! are its rough mask ([`masks`]), and from there on a run is like any other.
@@ -12,6 +12,7 @@
 
 mod cores;
 pub mod hint;
+mod humps;
 mod look;
 pub mod masks;
 pub mod parts;

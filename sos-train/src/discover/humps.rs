@@ -1,0 +1,356 @@
+//! Humps of the ground: what a short search takes for low things on it.
+//!
+//! Where few views look, or all of them show one colour, surfaces learnt in a short time bulge. Photos tell a bulge from a
+//! low thing: a pixel that shows the bulge in truth shows the ground behind it, and the other views show that very place,
+//! bare, in the same colour.
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use scene_decomp::probability::ProbabilityMap;
+
+use super::plane::Plane;
+use crate::prepare::{Frame, TrainView};
+use crate::train::carve::depth::DepthPicture;
+
+/// Heights above the ground up to which a column may be a hump, in the normalised frame.
+const LOW: f32 = 0.2;
+/// Voxels by which a point may lie before or behind what a view shows at its pixel, to be what it shows.
+const SEEN_WITHIN: f32 = 2.0;
+/// How far colours may be apart to be the same, of sRGB in `[0, 1]`.
+const SAME_COLOUR: f32 = 0.12;
+/// Share of views that must show the ground behind a point in the colour that the point seems to have.
+const AGREEING: f32 = 0.5;
+/// Share of a column's points of which that must hold for it to be a hump.
+const BARE: f32 = 0.4;
+
+/// Takes humps of the `ground` away from the fused distances `solid` `[resolution^3]`: nothing is above it there any more.
+pub(super) fn flatten(solid: &mut [f32], resolution: usize, ground: &Plane, eyes: &Eyes) {
+    let outside = solid.iter().copied().fold(0.0, f32::max);
+    let columns = Columns::new(ground, resolution);
+    let heights = columns.heights(solid);
+    let bare = columns.bare_colours(&heights, eyes);
+    let pitch = 2.0 / resolution as f32;
+    // For each column, of how many points something is known, and how many of them look like the ground behind them.
+    let verdicts: Vec<(usize, bool)> = (0..solid.len())
+        .into_par_iter()
+        .filter_map(|cell| {
+            let point = ProbabilityMap::centre(resolution, cell);
+            let column = columns.of(point)?;
+            let above = ground.height(point) > ground.thickness;
+            let is_surface = solid[cell] < 0.0 && solid[cell] > -pitch;
+            if !(above && is_surface && heights[column] <= LOW) {
+                return None;
+            }
+            let (mut asked, mut agreeing) = (0, 0);
+            for (view, colour, behind) in eyes.behind(point, SEEN_WITHIN * pitch, ground) {
+                let Some(place) = columns.of(behind) else {
+                    continue;
+                };
+                for (other, seen) in &bare[place] {
+                    if *other != view {
+                        asked += 1;
+                        agreeing += usize::from(colour.distance(*seen) <= SAME_COLOUR);
+                    }
+                }
+            }
+            (asked > 0).then_some((column, agreeing as f32 >= AGREEING * asked as f32))
+        })
+        .collect();
+    let mut counts = vec![[0u32; 2]; heights.len()];
+    for (column, looks_bare) in verdicts {
+        counts[column][usize::from(looks_bare)] += 1;
+    }
+    let humps: Vec<bool> = (0..counts.len())
+        .map(|column| {
+            let [other, bare] = counts[column];
+            bare > 0 && bare as f32 >= BARE * (bare + other) as f32
+        })
+        .collect();
+    for (cell, distance) in solid.iter_mut().enumerate() {
+        let point = ProbabilityMap::centre(resolution, cell);
+        if ground.height(point) > ground.thickness
+            && columns.of(point).is_some_and(|column| humps[column])
+        {
+            *distance = outside;
+        }
+    }
+}
+
+/// The region's columns along the normal of the ground, a voxel wide.
+struct Columns<'a> {
+    ground: &'a Plane,
+    resolution: usize,
+    along: [Vec3; 2],
+    side: usize,
+}
+
+impl<'a> Columns<'a> {
+    fn new(ground: &'a Plane, resolution: usize) -> Self {
+        let (u, v) = ground.normal.any_orthonormal_pair();
+        Self {
+            ground,
+            resolution,
+            along: [u, v],
+            // As wide as the cube is from corner to corner.
+            side: (3f32.sqrt() * resolution as f32).ceil() as usize + 1,
+        }
+    }
+
+    /// The number of the column that holds a point of the normalised frame; `None` outside the region.
+    fn of(&self, point: Vec3) -> Option<usize> {
+        if point.is_nan() || point.abs().max_element() > 1.0 {
+            return None;
+        }
+        let at = |axis: Vec3| {
+            let along = 0.5 * self.resolution as f32 * axis.dot(point);
+            (along + 0.5 * self.side as f32) as usize
+        };
+        Some(at(self.along[1]) * self.side + at(self.along[0]))
+    }
+
+    /// Where a column meets the ground.
+    fn foot(&self, column: usize) -> Vec3 {
+        let along =
+            |at: usize| (at as f32 + 0.5 - 0.5 * self.side as f32) * 2.0 / self.resolution as f32;
+        let [u, v] = self.along;
+        along(column % self.side) * u
+            + along(column / self.side) * v
+            + self.ground.offset * self.ground.normal
+    }
+
+    /// How high above the ground each column is solid; 0 where it is bare.
+    fn heights(&self, solid: &[f32]) -> Vec<f32> {
+        let mut heights = vec![0.0f32; self.side * self.side];
+        for (cell, _) in solid.iter().enumerate().filter(|(_, d)| **d < 0.0) {
+            let point = ProbabilityMap::centre(self.resolution, cell);
+            let height = self.ground.height(point);
+            if height > self.ground.thickness
+                && let Some(column) = self.of(point)
+            {
+                heights[column] = heights[column].max(height);
+            }
+        }
+        heights
+    }
+
+    /// The views that see the ground where a column is bare, and in which colour.
+    fn bare_colours(&self, heights: &[f32], eyes: &Eyes) -> Vec<Vec<(usize, Vec3)>> {
+        (0..heights.len())
+            .into_par_iter()
+            .map(|column| {
+                let foot = self.foot(column);
+                if heights[column] > 0.0 || self.of(foot).is_none() {
+                    return Vec::new();
+                }
+                let hidden_by = 2.0 * self.ground.thickness;
+                eyes.looking_at(foot)
+                    .filter(|(_, before, _)| *before > -hidden_by)
+                    .map(|(view, _, colour)| (view, colour))
+                    .collect()
+            })
+            .collect()
+    }
+}
+
+/// All views, with what they show.
+pub(super) struct Eyes<'a> {
+    views: &'a [TrainView],
+    frame: &'a Frame,
+    depths: &'a [DepthPicture],
+    origins: Vec<Vec3>,
+}
+
+impl<'a> Eyes<'a> {
+    /// Of all views, with the distances that each shows in the normalised `frame`.
+    pub(super) fn new(
+        views: &'a [TrainView],
+        frame: &'a Frame,
+        depths: &'a [DepthPicture],
+    ) -> Self {
+        let origin = |view: &TrainView| view.world_from_camera(frame).translation.into();
+        Self {
+            views,
+            frame,
+            depths,
+            origins: views.iter().map(origin).collect(),
+        }
+    }
+
+    /// The views that have a point in the picture, how far it is before what each shows at its pixel, and in which colour.
+    fn looking_at(&self, point: Vec3) -> impl Iterator<Item = (usize, f32, Vec3)> {
+        let world = self.frame.world_from_normalised(point);
+        let views = self.views.iter().zip(self.depths).enumerate();
+        views.filter_map(move |(i, (view, depth))| {
+            let (pixel, _) = view.project(world)?;
+            let before = depth.at(pixel) - point.distance(self.origins[i]);
+            Some((i, before, colour(view, pixel)))
+        })
+    }
+
+    /// The views that show a point of a surface, the colours that they show there, and where the rays that go on behind
+    /// it meet the ground.
+    fn behind(
+        &self,
+        point: Vec3,
+        within: f32,
+        ground: &Plane,
+    ) -> impl Iterator<Item = (usize, Vec3, Vec3)> {
+        self.looking_at(point)
+            .filter_map(move |(view, before, colour)| {
+                let origin = self.origins[view];
+                let (start, height) = (ground.height(origin), ground.height(point));
+                let behind = origin + (point - origin) * (start / (start - height));
+                // Beside the outline of what is low, a pixel may show the ground itself that close.
+                let nearest = before < 0.5 * behind.distance(point);
+                (start > height && before.abs() <= within && nearest)
+                    .then_some((view, colour, behind))
+            })
+    }
+}
+
+/// What a photo shows, in `[0, 1]`.
+fn colour(view: &TrainView, pixel: Vec2) -> Vec3 {
+    let x = (pixel.x as u32).min(view.width() - 1);
+    let y = (pixel.y as u32).min(view.height() - 1);
+    Vec3::from_array(view.photo.get_pixel(x, y).0.map(|v| f32::from(v) / 255.0))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use glam::{DMat3, DQuat, DVec3};
+    use image::{Rgb, RgbImage};
+    use io_colmap::{Camera, CameraModel, Pose};
+    use neus_render::rays::Ray;
+
+    use super::*;
+    use crate::prepare::pixels::PixelStore;
+    use crate::prepare::view::Lens;
+
+    const N: usize = 64;
+    const GROUND: Plane = Plane {
+        normal: Vec3::Z,
+        offset: -0.4,
+        thickness: 0.03,
+    };
+    /// What is beside the middle to both sides, and its colour: a thing of its own, and a hump that only depths show.
+    const THING: Vec3 = Vec3::new(-0.4, 0.0, -0.45);
+    const HUMP: Vec3 = Vec3::new(0.4, 0.0, -0.45);
+    const RADIUS: f32 = 0.2;
+
+    fn to_ground(ray: &Ray) -> f32 {
+        (GROUND.offset - ray.origin.z) / ray.direction.z.min(-1e-6)
+    }
+
+    /// Where a ray meets a ball, a part of which lies above the ground.
+    fn to_ball(ray: &Ray, centre: Vec3) -> Option<f32> {
+        let to = centre - ray.origin;
+        let along = to.dot(ray.direction);
+        let inside = RADIUS * RADIUS - to.length_squared() + along * along;
+        let distance = (inside > 0.0).then(|| along - inside.sqrt())?;
+        (distance < to_ground(ray)).then_some(distance)
+    }
+
+    fn camera(angle: f64) -> TrainView {
+        let centre = DVec3::new(2.5 * angle.cos(), 2.5 * angle.sin(), 1.6);
+        let z = -centre.normalize();
+        let x = z.cross(DVec3::Z).normalize();
+        let world_from_camera = DQuat::from_mat3(&DMat3::from_cols(x, z.cross(x), z));
+        let rotation = world_from_camera.inverse();
+        let store = PixelStore::new(&std::env::temp_dir());
+        let mut view = TrainView {
+            name: format!("{angle}"),
+            lens: Lens(Camera {
+                id: 1,
+                model: CameraModel::Pinhole,
+                width: 120,
+                height: 120,
+                params: vec![130.0, 130.0, 60.0, 60.0],
+            }),
+            camera_from_world: Pose {
+                rotation,
+                translation: -(rotation * centre),
+            },
+            photo: store.keep_photo(RgbImage::new(120, 120)).unwrap(),
+            mask: None,
+            ignored: None,
+            store,
+        };
+        let frame = Frame {
+            centre: DVec3::ZERO,
+            half_side: 1.0,
+        };
+        let pose = view.world_from_camera(&frame);
+        let photo = RgbImage::from_fn(120, 120, |x, y| {
+            let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+            let ray = view.ray(&pose, pixel).unwrap();
+            match to_ball(&ray, THING) {
+                Some(_) => Rgb([200, 60, 40]),
+                None => Rgb([90, 80, 70]),
+            }
+        });
+        view.photo = view.store.keep_photo(photo).unwrap();
+        view
+    }
+
+    #[test]
+    fn a_hump_is_taken_away_and_a_thing_of_another_colour_stays() {
+        let frame = Frame {
+            centre: DVec3::ZERO,
+            half_side: 1.0,
+        };
+        let views: Vec<TrainView> = (0..12).map(|i| camera(0.52 * f64::from(i))).collect();
+        let depths: Vec<DepthPicture> = views
+            .iter()
+            .map(|view| {
+                let pose = view.world_from_camera(&frame);
+                let mut picture = DepthPicture {
+                    stride: 1,
+                    width: view.width(),
+                    distances: vec![f32::INFINITY; 120 * 120],
+                };
+                for i in 0..picture.distances.len() {
+                    let ray = view.ray(&pose, picture.pixel(i)).unwrap();
+                    picture.distances[i] = [THING, HUMP]
+                        .into_iter()
+                        .filter_map(|centre| to_ball(&ray, centre))
+                        .fold(to_ground(&ray), f32::min);
+                }
+                picture
+            })
+            .collect();
+        let mut solid: Vec<f32> = (0..N.pow(3))
+            .map(|cell| {
+                let p = ProbabilityMap::centre(N, cell);
+                let balls = [THING, HUMP].map(|centre| p.distance(centre) - RADIUS);
+                balls.into_iter().fold(GROUND.height(p), f32::min)
+            })
+            .collect();
+        let before = solid.clone();
+        flatten(&mut solid, N, &GROUND, &Eyes::new(&views, &frame, &depths));
+        let above = |solid: &[f32], at: Vec3| {
+            (0..solid.len())
+                .filter(|&cell| {
+                    let p = ProbabilityMap::centre(N, cell);
+                    solid[cell] < 0.0
+                        && GROUND.height(p) > GROUND.thickness
+                        && p.distance(at) < 2.0 * RADIUS
+                })
+                .count()
+        };
+        let kept = above(&solid, THING) as f32 / above(&before, THING) as f32;
+        // A pixel at its outline may show the ground beside it.
+        assert!(kept > 0.8, "{kept} of the thing is kept");
+        let left = above(&solid, HUMP) as f32 / above(&before, HUMP) as f32;
+        assert!(left < 0.1, "{left} of the hump is left");
+        // The ground itself stays.
+        let ground = |solid: &[f32]| {
+            let low = |cell: &usize| GROUND.height(ProbabilityMap::centre(N, *cell)) < 0.0;
+            (0..solid.len())
+                .filter(low)
+                .all(|cell| solid[cell] == before[cell])
+        };
+        assert!(ground(&solid));
+    }
+}
