@@ -42,15 +42,15 @@ pub(super) fn flatten(solid: &mut [f32], resolution: usize, ground: &Plane, eyes
                 return None;
             }
             let (mut asked, mut agreeing) = (0, 0);
-            for (view, colour, behind) in eyes.behind(point, SEEN_WITHIN * pitch, ground) {
+            for (Witness { view, colour }, behind) in
+                eyes.behind(point, SEEN_WITHIN * pitch, ground)
+            {
                 let Some(place) = columns.of(behind) else {
                     continue;
                 };
-                for (other, seen) in &bare[place] {
-                    if *other != view {
-                        asked += 1;
-                        agreeing += usize::from(colour.distance(*seen) <= SAME_COLOUR);
-                    }
+                for other in bare[place].iter().filter(|other| other.view != view) {
+                    asked += 1;
+                    agreeing += usize::from(other.shows_as(colour));
                 }
             }
             (asked > 0).then_some((column, agreeing as f32 >= AGREEING * asked as f32))
@@ -134,7 +134,7 @@ impl<'a> Columns<'a> {
     }
 
     /// The views that see the ground where a column is bare, and in which colour.
-    fn bare_colours(&self, heights: &[f32], eyes: &Eyes) -> Vec<Vec<(usize, Vec3)>> {
+    fn bare_colours(&self, heights: &[f32], eyes: &Eyes) -> Vec<Vec<Witness>> {
         (0..heights.len())
             .into_par_iter()
             .map(|column| {
@@ -144,8 +144,8 @@ impl<'a> Columns<'a> {
                 }
                 let hidden_by = 2.0 * self.ground.thickness;
                 eyes.looking_at(foot)
-                    .filter(|(_, before, _)| *before > -hidden_by)
-                    .map(|(view, _, colour)| (view, colour))
+                    .filter(|(_, before)| *before > -hidden_by)
+                    .map(|(witness, _)| witness)
                     .collect()
             })
             .collect()
@@ -176,43 +176,57 @@ impl<'a> Eyes<'a> {
         }
     }
 
-    /// The views that have a point in the picture, how far it is before what each shows at its pixel, and in which colour.
-    fn looking_at(&self, point: Vec3) -> impl Iterator<Item = (usize, f32, Vec3)> {
+    /// The views that have a point in the picture, and how far it is before what each shows at its pixel.
+    fn looking_at(&self, point: Vec3) -> impl Iterator<Item = (Witness, f32)> {
         let world = self.frame.world_from_normalised(point);
         let views = self.views.iter().zip(self.depths).enumerate();
         views.filter_map(move |(i, (view, depth))| {
             let (pixel, _) = view.project(world)?;
             let before = depth.at(pixel) - point.distance(self.origins[i]);
-            Some((i, before, colour(view, pixel)))
+            Some((Witness::new(i, view, pixel), before))
         })
     }
 
-    /// The views that show a point of a surface, the colours that they show there, and where the rays that go on behind
-    /// it meet the ground.
+    /// The views that show a point of a surface, and where the rays that go on behind it meet the ground.
     fn behind(
         &self,
         point: Vec3,
         within: f32,
         ground: &Plane,
-    ) -> impl Iterator<Item = (usize, Vec3, Vec3)> {
-        self.looking_at(point)
-            .filter_map(move |(view, before, colour)| {
-                let origin = self.origins[view];
-                let (start, height) = (ground.height(origin), ground.height(point));
-                let behind = origin + (point - origin) * (start / (start - height));
-                // Beside the outline of what is low, a pixel may show the ground itself that close.
-                let nearest = before < 0.5 * behind.distance(point);
-                (start > height && before.abs() <= within && nearest)
-                    .then_some((view, colour, behind))
-            })
+    ) -> impl Iterator<Item = (Witness, Vec3)> {
+        self.looking_at(point).filter_map(move |(witness, before)| {
+            let origin = self.origins[witness.view as usize];
+            let (start, height) = (ground.height(origin), ground.height(point));
+            let behind = origin + (point - origin) * (start / (start - height));
+            // Beside the outline of what is low, a pixel may show the ground itself that close.
+            let nearest = before < 0.5 * behind.distance(point);
+            (start > height && before.abs() <= within && nearest).then_some((witness, behind))
+        })
     }
 }
 
-/// What a photo shows, in `[0, 1]`.
-fn colour(view: &TrainView, pixel: Vec2) -> Vec3 {
-    let x = (pixel.x as u32).min(view.width() - 1);
-    let y = (pixel.y as u32).min(view.height() - 1);
-    Vec3::from_array(view.photo.get_pixel(x, y).0.map(|v| f32::from(v) / 255.0))
+/// A view of a place, and the colour it is seen in, 8-bit sRGB: there are as many as columns times views.
+#[derive(Clone, Copy)]
+struct Witness {
+    view: u32,
+    colour: [u8; 3],
+}
+
+impl Witness {
+    fn new(number: usize, view: &TrainView, pixel: Vec2) -> Self {
+        let x = (pixel.x as u32).min(view.width() - 1);
+        let y = (pixel.y as u32).min(view.height() - 1);
+        Self {
+            view: number as u32,
+            colour: view.photo.get_pixel(x, y).0,
+        }
+    }
+
+    /// Whether this is the same colour.
+    fn shows_as(&self, colour: [u8; 3]) -> bool {
+        let of = |colour: [u8; 3]| Vec3::from_array(colour.map(|v| f32::from(v) / 255.0));
+        of(self.colour).distance(of(colour)) <= SAME_COLOUR
+    }
 }
 
 #[cfg(test)]
