@@ -229,6 +229,12 @@ fn trust_by_photo(contrast: f32) -> f32 {
 }
 
 impl Trainer {
+    /// Has no mask followed to the pixel, wherever the outlines of the `views` lie: for masks that were found in the photos
+    /// themselves, whose outlines lie on edges without anybody having drawn them there.
+    pub fn take_masks_for_rough(&mut self, views: usize) {
+        self.mask_contrasts = vec![None; views];
+    }
+
     /// Finds out which masks' outlines lie on edges of their photos, if nobody has yet.
     pub(super) fn look_at_outlines(&mut self, data: &Prepared) {
         if self.mask_contrasts.is_empty() {

@@ -82,17 +82,15 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         progress.note(note);
     }
     let mut trainer = Trainer::new(&job.config, &data)?;
+    if job.run.found_masks_dir().is_dir() {
+        trainer.take_masks_for_rough(data.views.len());
+    }
     let remark = device::remark(&job.config.device);
     progress.note(&format!("computing on {}{remark}", trainer.device_name()));
     let mut earlier_seconds = 0.0;
     if job.resume {
         earlier_seconds = trainer.load(&job.run)?;
-        let config = &job.config;
-        data.correct_masks(
-            trainer.mask_faults(),
-            &config.prepare,
-            config.loss.ignore_band,
-        )?;
+        data.correct_masks(trainer.mask_faults(), sizes, band)?;
         log = Some(TrainLog::resume(&job.run, trainer.step_number())?);
     }
     let mut log = match log {
