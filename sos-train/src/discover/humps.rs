@@ -18,7 +18,7 @@ const LOW: f32 = 0.2;
 const SEEN_WITHIN: f32 = 2.0;
 /// How far colours may be apart to be the same, of sRGB in `[0, 1]`.
 const SAME_COLOUR: f32 = 0.12;
-/// Share of views that must show the ground behind a point in the colour that the point seems to have.
+/// Share of pairs of views, one that shows a point and one that sees the ground behind it, that must show one colour.
 const AGREEING: f32 = 0.5;
 /// Share of a column's points of which that must hold for it to be a hump.
 const BARE: f32 = 0.4;

@@ -229,7 +229,7 @@ fn trust_by_photo(contrast: f32) -> f32 {
 }
 
 impl Trainer {
-    /// Has no mask followed to the pixel, wherever the outlines of the `views` lie: for masks that were found in the photos
+    /// Has no mask of the `views`, so many in number, followed to the pixel: for masks that were found in the photos
     /// themselves, whose outlines lie on edges without anybody having drawn them there.
     pub fn take_masks_for_rough(&mut self, views: usize) {
         self.mask_contrasts = vec![None; views];

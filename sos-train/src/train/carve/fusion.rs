@@ -20,6 +20,8 @@ const PAST: f32 = 1.0;
 /// must be.
 const THIN_SHARE: f32 = 0.5;
 const THIN_VIEWS: usize = 3;
+/// How far inside, in voxels, what is solid by these alone is taken to be.
+const THIN_DEPTH: f32 = 0.25;
 
 /// Fuses `depths` of all views on the voxels of the cube `[-1, 1]^3`, x fastest: positive outside.
 ///
@@ -86,7 +88,7 @@ fn fused(before: impl Iterator<Item = f32>, truncation: f32, deepest: f32) -> f3
     let is_thin =
         at_surface >= THIN_VIEWS && at_surface as f32 >= THIN_SHARE * (at_surface + past) as f32;
     if is_thin && sum > 0.0 {
-        -0.25 * voxel
+        -THIN_DEPTH * voxel
     } else if weight > 0.0 {
         sum / weight
     } else if hidden.is_some_and(|least| least > deepest) {
