@@ -10,6 +10,7 @@ use super::hint::Hint;
 use super::humps;
 use super::parts::{PartSet, Parts};
 use super::plane;
+use super::region;
 use crate::config::TrainConfig;
 use crate::prepare::error::PrepareError;
 use crate::prepare::outline::{outline, silhouette};
@@ -100,12 +101,24 @@ impl Look {
         }))
     }
 
-    /// Where the object goes on beyond the region, unless the region is the user's; see [`PartSet::goes_on`].
-    pub(super) fn goes_on(&self, hint: &Hint) -> Option<Vec3> {
-        match hint {
+    /// Whether the object goes on beyond the region, unless the region is the user's; see [`PartSet::goes_on`].
+    pub(super) fn goes_on(&self, hint: &Hint) -> bool {
+        !matches!(hint, Hint::Box(_)) && self.chosen.goes_on().is_some()
+    }
+
+    /// The larger region that may hold what lies beyond this one, if anything does and this one is not the user's.
+    pub(super) fn region_beyond(&self, hint: &Hint) -> Option<Frame> {
+        let (towards, growth) = match hint {
             Hint::Box(_) => None,
-            _ => self.chosen.goes_on(),
-        }
+            _ => match self.chosen.goes_on() {
+                Some(towards) => Some((towards, region::ENLARGED)),
+                None => self
+                    .chosen
+                    .reaches_on()
+                    .map(|towards| (towards, region::ENLARGED_FOR_TIP)),
+            },
+        }?;
+        Some(region::enlarged(&self.data.frame, towards, growth))
     }
 
     /// The object as a core of what was found, if that hangs together with what lies beyond the region by bridges

@@ -77,40 +77,46 @@ pub fn find_object(
     let Some(mut look) = look_at(hint.region(views, points)?)? else {
         return Ok(None);
     };
-    let mut stays = None;
+    let mut refused = None;
     for _ in 1..MOST_LOOKS {
-        let Some(towards) = look.goes_on(hint) else {
+        let Some(larger) = look.region_beyond(hint) else {
             break;
         };
-        match look_at(region::enlarged(&look.data.frame, towards)) {
+        match look_at(larger) {
             Ok(None) => return Ok(None),
             Ok(Some(wider)) if wider.shows_more_of(&look) => look = wider,
             Ok(Some(_)) => {
-                stays = Some("a larger one showed no more of it".to_owned());
+                refused = Some("a larger one showed no more of it".to_owned());
                 break;
             }
             Err(error) => {
-                stays = Some(format!("a larger one was of no use ({error})"));
+                refused = Some(format!("a larger one was of no use ({error})"));
                 break;
             }
         }
     }
-    if stays.is_none() && look.goes_on(hint).is_some() {
-        stays = Some(format!(
-            "so it did in each of {MOST_LOOKS} ever larger ones"
-        ));
-    }
-    let cut = stays.map(|why| match look.parted(hint) {
-        Some(core) => {
-            look.chosen = core;
-            "what was found went on beyond that box by thin bridges alone, and was parted there; give all of \
-             it with --box if it is cut off"
-                .to_owned()
-        }
-        None => format!(
-            "the object goes on beyond that box, and is cut off there: {why}; give all of it with --box"
-        ),
-    });
+    let beyond = if look.goes_on(hint) {
+        let why = refused
+            .unwrap_or_else(|| format!("so it did in each of {MOST_LOOKS} ever larger ones"));
+        Some(match look.parted(hint) {
+            Some(core) => {
+                look.chosen = core;
+                "what was found went on beyond that box by thin bridges alone, and was parted there; give all of \
+                 it with --box if it is cut off"
+                    .to_owned()
+            }
+            None => format!(
+                "the object goes on beyond that box, and is cut off there: {why}; give all of it with --box"
+            ),
+        })
+    } else if look.region_beyond(hint).is_some() {
+        Some(
+            "the object reaches a side of that box; if a tip of it is cut off, give all of it with --box"
+                .to_owned(),
+        )
+    } else {
+        None
+    };
     let Look {
         data,
         depths,
@@ -141,7 +147,7 @@ pub fn find_object(
             "where no ground was found"
         },
     )];
-    notes.extend(cut);
+    notes.extend(beyond);
     Ok(Some(Discovery { masks, notes }))
 }
 

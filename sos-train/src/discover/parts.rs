@@ -12,6 +12,8 @@ const CENTRAL: f32 = 0.45;
 const CUT_OFF: f32 = 0.1;
 /// Share of a part's voxels at the border from which on it is taken to go on.
 const BORDER_SHARE: f32 = 0.02;
+/// The same for no more of it than a tip: an ear, a nose.
+const TIP_SHARE: f32 = 0.002;
 /// Where the border begins, in the normalised frame.
 const BORDER: f32 = 0.97;
 /// Share of its voxels at the border on one side from which on a part goes on there.
@@ -87,12 +89,22 @@ impl PartSet {
     }
 
     /// Along which axes it goes on beyond the region: 1 or -1 where it does on one side, 0 where it does not or
-    /// on both; `None` where it ends within.
+    /// on both; `None` where it ends within, but for a tip perhaps.
     pub(super) fn goes_on(&self) -> Option<Vec3> {
+        self.beyond(BORDER_SHARE)
+    }
+
+    /// The same where a tip of it lies beyond is enough.
+    pub(super) fn reaches_on(&self) -> Option<Vec3> {
+        self.beyond(TIP_SHARE)
+    }
+
+    /// Where it goes on with more than the share `least` of its voxels at the border.
+    fn beyond(&self, least: f32) -> Option<Vec3> {
         let mut border = self.points();
         let voxels = border.len();
         border.retain(|point| at_border(*point));
-        if border.len() as f32 <= BORDER_SHARE * voxels as f32 {
+        if border.len() as f32 <= least * voxels as f32 {
             return None;
         }
         let side = |axis: usize| {
@@ -370,6 +382,16 @@ mod tests {
         let cut = found(Vec3::new(0.8, -0.1, -0.7)).unwrap();
         assert_eq!(cut.goes_on(), Some(Vec3::new(1.0, 0.0, -1.0)));
         assert!(cut.border_share() > BORDER_SHARE);
+    }
+
+    #[test]
+    fn a_tip_that_goes_on_beyond_the_region_is_told_from_more_of_it() {
+        let tip = Parts::new(&shells(&[(Vec3::X * 0.49, 0.5)]), N, None).most_central();
+        let tip = tip.unwrap();
+        assert_eq!(tip.goes_on(), None);
+        assert_eq!(tip.reaches_on(), Some(Vec3::X));
+        let within = Parts::new(&shells(&[(Vec3::X * 0.4, 0.5)]), N, None).most_central();
+        assert_eq!(within.unwrap().reaches_on(), None);
     }
 
     #[test]

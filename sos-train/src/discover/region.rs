@@ -8,7 +8,9 @@ use crate::prepare::locate::{box_from_cameras, closest_to_ray};
 use crate::prepare::{Frame, TrainView};
 
 /// A region over the one in which the object was cut off.
-const ENLARGED: f64 = 1.5;
+pub(super) const ENLARGED: f64 = 1.5;
+/// A region over the one in which a tip of the object was cut off.
+pub(super) const ENLARGED_FOR_TIP: f64 = 1.25;
 /// The region over the box that a run without masks would have: what the object stands on has to go
 /// on around it to be known for what it is.
 const SURROUNDINGS: f64 = 1.7;
@@ -137,12 +139,12 @@ pub(super) fn at_pixel(
     })
 }
 
-/// A larger region for an object that goes on beyond `frame`: `towards` is -1 or 1 for axes along which it does on
-/// one side, where all of the growth goes.
-pub(super) fn enlarged(frame: &Frame, towards: Vec3) -> Frame {
+/// A region `growth` times as large for an object that goes on beyond `frame`: `towards` is -1 or 1 for axes along
+/// which it does on one side, where all of the growth goes.
+pub(super) fn enlarged(frame: &Frame, towards: Vec3, growth: f64) -> Frame {
     Frame {
-        centre: frame.centre + (ENLARGED - 1.0) * frame.half_side * towards.as_dvec3(),
-        half_side: ENLARGED * frame.half_side,
+        centre: frame.centre + (growth - 1.0) * frame.half_side * towards.as_dvec3(),
+        half_side: growth * frame.half_side,
     }
 }
 
@@ -162,7 +164,7 @@ mod tests {
             centre: DVec3::new(1.0, 2.0, 3.0),
             half_side: 2.0,
         };
-        let larger = enlarged(&frame, Vec3::new(1.0, -1.0, 0.0));
+        let larger = enlarged(&frame, Vec3::new(1.0, -1.0, 0.0), 1.5);
         let (low, high) = (
             larger.world_from_normalised(Vec3::NEG_ONE),
             larger.world_from_normalised(Vec3::ONE),
