@@ -18,6 +18,7 @@ pub mod masks;
 pub mod parts;
 pub mod plane;
 pub mod region;
+mod sweep;
 
 use std::sync::atomic::AtomicBool;
 

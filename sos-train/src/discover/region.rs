@@ -3,6 +3,7 @@
 use glam::{DVec2, DVec3, Vec3};
 use io_colmap::SparsePoint;
 
+use super::sweep;
 use crate::prepare::error::PrepareError;
 use crate::prepare::locate::{box_from_cameras, closest_to_ray};
 use crate::prepare::{Frame, TrainView};
@@ -36,18 +37,31 @@ pub(super) fn of_cameras(
             half_side: SURROUNDINGS * frame.half_side,
             ..frame
         }),
-        Err(error) => central_points(views, points).ok_or(error),
+        Err(error) => central_points(views, &positions(views, points, None)?).ok_or(error),
     }
 }
 
+/// Where the sparse points are; for a scene without any, places that its photos agree on, of which those `near` a pixel
+/// of a view are enough, within a radius.
+fn positions(
+    views: &[TrainView],
+    points: &[SparsePoint],
+    near: Option<(usize, DVec2, f64)>,
+) -> Result<Vec<DVec3>, PrepareError> {
+    if points.is_empty() {
+        return sweep::places(views, near);
+    }
+    Ok(points.iter().map(|point| point.position).collect())
+}
+
 /// Around the nearer half of the points that most views show in their middle.
-fn central_points(views: &[TrainView], points: &[SparsePoint]) -> Option<Frame> {
+fn central_points(views: &[TrainView], points: &[DVec3]) -> Option<Frame> {
     let mut central: Vec<(f64, DVec3)> = points
         .iter()
-        .filter_map(|point| {
+        .filter_map(|&point| {
             let (mut seen, mut middle, mut depth) = (0, 0, 0.0);
             for view in views {
-                if let Some((pixel, z)) = view.project(point.position) {
+                if let Some((pixel, z)) = view.project(point) {
                     let off =
                         pixel.as_dvec2() / DVec2::new(view.width().into(), view.height().into());
                     seen += 1;
@@ -56,7 +70,7 @@ fn central_points(views: &[TrainView], points: &[SparsePoint]) -> Option<Frame> 
                 }
             }
             (2 * seen > views.len() && 2 * middle > seen as u32)
-                .then(|| (depth / seen as f64, point.position))
+                .then(|| (depth / seen as f64, point))
         })
         .collect();
     if central.len() < 8 {
@@ -103,10 +117,10 @@ pub(super) fn at_pixel(
     let photo = &views[view];
     let side = f64::from(photo.width().min(photo.height()));
     let near = radius.unwrap_or(NEAR_PIXEL * side);
-    let mut depths: Vec<f64> = points
-        .iter()
+    let mut depths: Vec<f64> = positions(views, points, Some((view, pixel, near)))?
+        .into_iter()
         .filter_map(|point| {
-            let (at, z) = photo.project(point.position)?;
+            let (at, z) = photo.project(point)?;
             (at.as_dvec2().distance(pixel) <= near).then_some(f64::from(z))
         })
         .collect();
