@@ -188,10 +188,10 @@ impl Eye {
                 (0..cell)
                     .step_by(stride)
                     .flat_map(|dy| (0..cell).step_by(stride).map(move |dx| (dx, dy)))
-                    .filter_map(|(dx, dy)| {
+                    .map(|(dx, dy)| {
                         let (x, y) = (x * cell + dx, y * cell + dy);
                         let middle = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                        Some((self.profile(middle, Mat2::IDENTITY).1, middle))
+                        (self.profile(middle, Mat2::IDENTITY).1, middle)
                     })
                     .max_by(|a, b| a.0.total_cmp(&b.0))
             })
@@ -292,7 +292,7 @@ mod tests {
     /// Brightness of squares that are all different, `0.07` wide.
     fn squares(x: f64, y: f64) -> u8 {
         let (i, j) = ((x / 0.07).floor() as i64, (y / 0.07).floor() as i64);
-        let mixed = (i * 73_856_093 ^ j * 19_349_663).wrapping_mul(0x9E37_79B9);
+        let mixed = ((i * 73_856_093) ^ (j * 19_349_663)).wrapping_mul(0x9E37_79B9);
         (mixed >> 13) as u8
     }
 
