@@ -7,10 +7,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DVec2, DVec3, Mat2, Vec2};
+use image::GrayImage;
 use rayon::prelude::*;
 
 use crate::prepare::TrainView;
 use crate::prepare::error::PrepareError;
+use crate::prepare::outline::bilinear;
 
 /// Pixels along the longer side that photos are made smaller to, or nearly.
 const SIDE: u32 = 480;
@@ -25,7 +27,8 @@ const CELLS: u32 = 14;
 /// Patches along a side of what is near a pixel.
 const NEAR_CELLS: i32 = 5;
 /// Pixels from a patch's middle to its edge.
-const REACH: i32 = 4;
+const REACH: usize = 4;
+const WIDTH: usize = 2 * REACH + 1;
 /// Standard deviation of a patch's brightness, 0..1, from which on there is something to be found again.
 const CONTRAST: f32 = 0.03;
 /// Pixels by which what is seen moves from depth to depth, between the photos that are the farthest apart.
@@ -110,15 +113,19 @@ struct Eye {
     view: TrainView,
     /// Times that it is smaller.
     factor: u32,
-    /// Brightness, 0..1, row-major.
-    grey: Vec<f32>,
+    grey: GrayImage,
 }
 
 /// A square of pixels, and how its brightness differs from its mean, of unit length.
 struct Patch {
     middle: Vec2,
-    profile: Vec<f32>,
+    profile: Profile,
+    /// The standard deviation of its brightness, 0..1.
+    contrast: f32,
 }
+
+/// Row-major.
+type Profile = [f32; WIDTH * WIDTH];
 
 impl Eye {
     fn of(view: &TrainView) -> Result<Self, PrepareError> {
@@ -129,26 +136,8 @@ impl Eye {
             ..view.clone()
         }
         .downscaled(factor)?;
-        let brightness = |p: &image::Rgb<u8>| {
-            let [r, g, b] = p.0.map(|v| f32::from(v) / 255.0);
-            0.299 * r + 0.587 * g + 0.114 * b
-        };
-        let grey = view.photo.pixels().map(brightness).collect();
+        let grey = image::imageops::grayscale(&view.photo);
         Ok(Self { view, factor, grey })
-    }
-
-    /// Brightness at a pixel position, between the middles of four pixels; those beyond the edge are as at it.
-    fn at(&self, pixel: Vec2) -> f32 {
-        let (width, height) = (self.view.width(), self.view.height());
-        let corner = (pixel - 0.5).max(Vec2::ZERO);
-        let (x, y) = (corner.x as u32, corner.y as u32);
-        let part = corner - Vec2::new(x as f32, y as f32);
-        let of = |x: u32, y: u32| {
-            let (x, y) = (x.min(width - 1), y.min(height - 1));
-            self.grey[(y * width + x) as usize]
-        };
-        let row = |y: u32| of(x, y) + part.x * (of(x + 1, y) - of(x, y));
-        row(y) + part.y * (row(y + 1) - row(y))
     }
 
     /// What lies around a pixel; `None` where it is all much the same, or goes on beyond the photo.
@@ -159,16 +148,21 @@ impl Eye {
             return None;
         }
         let (profile, contrast) = self.profile(middle, Mat2::IDENTITY);
-        (contrast >= CONTRAST).then_some(Patch { middle, profile })
+        (contrast >= CONTRAST).then_some(Patch {
+            middle,
+            profile,
+            contrast,
+        })
     }
 
     /// The brightness around `middle` less its mean, of unit length, and its standard deviation. `axes` are what a step
     /// of a pixel is here.
-    fn profile(&self, middle: Vec2, axes: Mat2) -> (Vec<f32>, f32) {
-        let mut profile: Vec<f32> = (-REACH..=REACH)
-            .flat_map(|y| (-REACH..=REACH).map(move |x| Vec2::new(x as f32, y as f32)))
-            .map(|offset| self.at(middle + axes * offset))
-            .collect();
+    fn profile(&self, middle: Vec2, axes: Mat2) -> (Profile, f32) {
+        let mut profile: Profile = std::array::from_fn(|i| {
+            let offset = Vec2::new((i % WIDTH) as f32, (i / WIDTH) as f32) - REACH as f32;
+            let at = middle + axes * offset;
+            bilinear(&self.grey, at.x, at.y)
+        });
         let count = profile.len() as f32;
         let mean = profile.iter().sum::<f32>() / count;
         profile.iter_mut().for_each(|v| *v -= mean);
@@ -188,14 +182,12 @@ impl Eye {
                 (0..cell)
                     .step_by(stride)
                     .flat_map(|dy| (0..cell).step_by(stride).map(move |dx| (dx, dy)))
-                    .map(|(dx, dy)| {
+                    .filter_map(|(dx, dy)| {
                         let (x, y) = (x * cell + dx, y * cell + dy);
-                        let middle = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                        (self.profile(middle, Mat2::IDENTITY).1, middle)
+                        self.patch(Vec2::new(x as f32 + 0.5, y as f32 + 0.5))
                     })
-                    .max_by(|a, b| a.0.total_cmp(&b.0))
+                    .max_by(|a, b| a.contrast.total_cmp(&b.contrast))
             })
-            .filter_map(|(_, middle)| self.patch(middle))
             .collect()
     }
 

@@ -297,7 +297,7 @@ pub fn outline(
 }
 
 /// Value in `[0, 1]` at a position in pixels, between pixel centres.
-fn bilinear(image: &GrayImage, x: f32, y: f32) -> f32 {
+pub(crate) fn bilinear(image: &GrayImage, x: f32, y: f32) -> f32 {
     let clamp = |v: i64, n: u32| v.clamp(0, i64::from(n) - 1) as u32;
     let (fx, fy) = (x - 0.5, y - 0.5);
     let (x0, y0) = (fx.floor() as i64, fy.floor() as i64);
