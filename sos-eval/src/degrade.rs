@@ -8,7 +8,8 @@
 use crate::EvalError;
 use crate::growth::grow;
 use crate::matching::{left_out, list_pictures, match_views};
-use crate::picture::{Mask, RgbPlane, Sized2d, assert_same_size, read_alpha, read_rgb};
+use crate::mattes::Mattes;
+use crate::picture::{Mask, RgbPlane, Sized2d, assert_same_size, read_rgb};
 use crate::report::MASK_THRESHOLD;
 use crate::splitmix::SplitMix64;
 use draft_folder::Draft;
@@ -159,6 +160,7 @@ pub fn degrade_folder(
 ) -> Result<Degraded, EvalError> {
     let truth = list_pictures(gt_dir)?;
     let photos = match_views(gt_dir, &truth.pictures, photo_dir)?;
+    let mattes = Mattes::of(gt_dir, &truth.pictures)?;
     let failed = |path: &Path, reason: String| EvalError::Write {
         path: path.to_owned(),
         reason,
@@ -166,7 +168,7 @@ pub fn degrade_folder(
     let draft = Draft::beside(out)?;
     let views: Vec<_> = truth.pictures.iter().enumerate().collect();
     let written = views.par_iter().map(|&(index, (name, path))| {
-        let matte = read_alpha(path)?;
+        let matte = mattes.read(path)?;
         let photo_path = photos.pictures.get(name).ok_or_else(|| {
             let nowhere = EvalError::NoPhoto { view: name.clone() };
             photos.lacks(photo_dir, format!("photo of view {name:?}"), nowhere)
@@ -196,10 +198,9 @@ pub fn degrade_folder(
     });
     let count = written.sum::<Result<usize, EvalError>>()?;
     draft.finish()?;
-    Ok(Degraded {
-        count,
-        notes: left_out([&truth, &photos]),
-    })
+    let mut notes = left_out([&truth, &photos]);
+    notes.extend(mattes.note());
+    Ok(Degraded { count, notes })
 }
 
 fn picture(mask: &Mask) -> GrayImage {

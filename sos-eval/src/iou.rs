@@ -34,6 +34,21 @@ impl Overlap {
         }
     }
 
+    /// Whether the prediction has pixels inside and pixels outside.
+    pub fn tells_apart(&self) -> bool {
+        self.both + self.only_pred > 0 && self.only_truth + self.neither > 0
+    }
+
+    /// What the prediction's complement would have.
+    pub fn inverted(&self) -> Self {
+        Self {
+            both: self.only_truth,
+            only_pred: self.neither,
+            only_truth: self.both,
+            neither: self.only_pred,
+        }
+    }
+
     /// Foreground `IoU = |P ∩ T| / |P ∪ T|`; 1 if both are empty.
     pub fn iou(&self) -> f64 {
         ratio(self.both, self.both + self.only_pred + self.only_truth)

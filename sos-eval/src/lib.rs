@@ -51,6 +51,7 @@ mod holes;
 mod image_quality;
 mod iou;
 mod matching;
+mod mattes;
 mod matting;
 mod mesh;
 mod picture;

@@ -199,6 +199,14 @@ pub fn read_alpha(path: &Path) -> Result<Plane, EvalError> {
     })
 }
 
+/// The largest value of a picture that is grey with 8 bits; `None` of any other.
+pub(crate) fn brightest_of_bytes(path: &Path) -> Result<Option<u8>, EvalError> {
+    Ok(match open(path)? {
+        DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().max(),
+        _ => None,
+    })
+}
+
 /// Whether a picture is a photo or a coloured drawing, not something grey in three channels, which JPEG may have
 /// tinted a little.
 fn is_colourful(picture: &image::RgbImage) -> bool {

@@ -269,6 +269,36 @@ fn alpha_is_read_from_any_kind_of_picture() {
 }
 
 #[test]
+fn labels_are_black_and_white_and_inverted_masks_are_named() {
+    let (_root, pred, truth, start) = scene();
+    let rewrite = |to: &Path, value: fn(u8) -> u8| {
+        fs::create_dir_all(to).unwrap();
+        for entry in fs::read_dir(&truth).unwrap().flatten() {
+            let mut grey = image::open(entry.path()).unwrap().into_luma8();
+            grey.iter_mut().for_each(|v| *v = value(*v));
+            grey.save(to.join(entry.file_name())).unwrap();
+        }
+    };
+    rewrite(&pred, |v| v / 128);
+    rewrite(&start, |v| 255 - v);
+    let report = compare_folders(&pred, &truth, Some(&start)).unwrap();
+    assert_eq!(report.mean.iou, 1.0);
+    assert_eq!(report.start.unwrap().iou, 0.0);
+    let [labels, inverted] = &report.notes[..] else {
+        panic!("{:?}", report.notes)
+    };
+    assert!(labels.contains("pred") && labels.contains("labels 0 and 1"));
+    assert!(inverted.contains("start") && inverted.contains("black is the object"));
+    // One that has more in it is dark, all the same.
+    GrayImage::from_pixel(40, 40, Luma([2]))
+        .save(pred.join("001.png"))
+        .unwrap();
+    let report = compare_folders(&pred, &truth, None).unwrap();
+    assert_eq!(report.mean.iou, 0.0);
+    assert_eq!(report.notes, [""; 0]);
+}
+
+#[test]
 fn bad_input_is_one_sentence_with_the_file() {
     let (root, pred, truth, start) = scene();
     let tell = |pred: &Path, start: Option<&Path>| {
