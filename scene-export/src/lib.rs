@@ -118,6 +118,7 @@ pub fn export(
         }
         _ => Vec::new(),
     };
+    notes.extend(run.unfinished());
     let count = match product {
         Product::Files(Target::Exr) => exr_layers::write(&run, &draft)?,
         Product::Files(Target::Obj) => {

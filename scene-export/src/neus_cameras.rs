@@ -78,10 +78,11 @@ fn archive(posed: &[Posed<'_>], scale: DMat4) -> zip::result::ZipResult<Vec<u8>>
 /// From world points to pixels times depth.
 fn world_mat(posed: Posed<'_>) -> DMat4 {
     let ((fx, fy), (cx, cy)) = (posed.camera.focal(), posed.camera.principal_point());
+    // NeuS sends a pixel's ray through its whole number: the first one's centre is at 0, not at 0.5 as in COLMAP.
     let k = DMat3::from_cols(
         DVec3::new(fx, 0.0, 0.0),
         DVec3::new(0.0, fy, 0.0),
-        DVec3::new(cx, cy, 1.0),
+        DVec3::new(cx - 0.5, cy - 0.5, 1.0),
     );
     let pose = posed.view.camera_from_world;
     DMat4::from_mat3(k) * DMat4::from_rotation_translation(pose.rotation, pose.translation)

@@ -36,6 +36,9 @@ struct Config {
 #[derive(Debug, serde::Deserialize)]
 struct Input {
     scene: Option<PathBuf>,
+    #[serde(default)]
+    demo: bool,
+    imported_from: Option<PathBuf>,
 }
 
 impl Run {
@@ -73,6 +76,21 @@ impl Run {
     /// What of the mattes is left out, a sentence each.
     pub(crate) fn left_out(&self) -> Vec<String> {
         self.unread.notes("mattes")
+    }
+
+    /// That the run has not come to its end, where its log shows so.
+    pub(crate) fn unfinished(&self) -> Option<String> {
+        let log = fs::read_to_string(self.root.join("log.jsonl")).ok()?;
+        let is_end = |line: &str| {
+            serde_json::from_str::<serde_json::Value>(line)
+                .is_ok_and(|line| line.get("event").is_some_and(|event| event == "end"))
+        };
+        (!log.lines().any(is_end)).then(|| {
+            format!(
+                "the run has not come to its end: pictures may be missing, or of an earlier state of it; have it go on with: {}",
+                resumed(&self.root)
+            )
+        })
     }
 
     /// There is no matte at `path`. Where a sub-folder that cannot be read `may_hold` it, that is the reason.
@@ -193,14 +211,10 @@ impl Run {
     }
 
     /// The COLMAP scene that the run was made from: where it is stated to be, else in the run's own
-    /// folder, else where `config.toml` says.
+    /// folder, if the run made it, else where `config.toml` says.
     pub(crate) fn scene(&self, stated: Option<&Path>) -> Result<Scene, ExportError> {
         if let Some(folder) = stated {
             return Ok(Scene::open(folder)?);
-        }
-        let own = self.root.join("scene");
-        if Scene::has_model(&own) {
-            return Ok(Scene::open(&own)?);
         }
         let path = self.root.join("config.toml");
         let text = fs::read_to_string(&path).map_err(|e| ExportError::io("read", &path, e))?;
@@ -211,6 +225,12 @@ impl Run {
                 "name the run's scene with --scene",
             )
         })?;
+        // Such a run may have been moved, with its scene. One that an earlier run left there is not of these results.
+        let own = self.root.join("scene");
+        let made = |input: &Input| input.demo || input.imported_from.is_some();
+        if config.input.as_ref().is_some_and(made) && Scene::has_model(&own) {
+            return Ok(Scene::open(&own)?);
+        }
         match config.input.and_then(|input| input.scene) {
             Some(scene) if Scene::has_model(&scene) => Ok(Scene::open(&scene)?),
             Some(scene) => Err(ExportError::bad(

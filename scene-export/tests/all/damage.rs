@@ -229,11 +229,39 @@ fn scenes_that_are_not_the_runs_are_refused() {
     };
     export(&rig.run(), coco, &rig.out(), &options).unwrap();
 
+    // What an earlier run left in the folder is not what this one was made from.
+    let rig = Rig::new();
+    let config = rig.run().join("config.toml");
+    let text = fs::read_to_string(&config).unwrap();
+    fs::write(&config, text.replace("demo = true\n", "")).unwrap();
+    let text = complaint(&rig, coco);
+    assert!(text.contains("/nowhere/scene"), "{text}");
+
     let rig = Rig::new();
     fs::rename(rig.run().join("scene"), rig.run().join("moved")).unwrap();
     fs::write(rig.run().join("config.toml"), "[input\n").unwrap();
     let text = complaint(&rig, coco);
     assert!(text.contains("no run's configuration"), "{text}");
+}
+
+#[test]
+fn results_of_a_run_that_was_stopped_are_said_to_be() {
+    let rig = Rig::new();
+    let product = Product::Files(Target::Alpha8);
+    let log = rig.run().join("log.jsonl");
+    let end = "{\"step\":9,\"event\":\"end\",\"seconds\":1.0}\n";
+    for (lines, stopped) in [("{\"step\":9,\"event\":\"start\"}\n", true), (end, false)] {
+        fs::write(&log, lines).unwrap();
+        let written = rig.export(product).unwrap();
+        fs::remove_dir_all(rig.out()).unwrap();
+        let says = |note: &String| note.contains("its end") && note.contains(&resumed(&rig));
+        assert_eq!(
+            written.notes.iter().any(says),
+            stopped,
+            "{:?}",
+            written.notes
+        );
+    }
 }
 
 #[test]
