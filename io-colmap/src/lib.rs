@@ -76,6 +76,6 @@ pub use listing::{Listing, Search};
 pub use masks::{GreyImage, MaskFiles, MaskSet, read_mask};
 pub use model::{Model, Observation, SparsePoint, View, read_observations};
 pub use photo::{PICTURE_ENDINGS, PhotoHeader, is_picture, read_photo};
-pub use polarity::Polarity;
+pub use polarity::{POLARITY_FILE, Polarity};
 pub use pose::Pose;
 pub use scene::Scene;

@@ -14,6 +14,9 @@ use std::path::{Path, PathBuf};
 /// An 8-bit image with one channel.
 pub type GreyImage = GrayImage;
 
+/// What is as bright as this is white.
+const WHITE: u8 = 128;
+
 /// Pictures below the mask folder and below that of the photos.
 const PICTURES: Search<'static> = Search {
     depth: 4,
@@ -49,7 +52,8 @@ impl MaskSet {
     ///
     /// Names are tried in the forms that tools write (`a.png`, `a.jpg.png`, `a_mask.png`,
     /// `mask_a.png`, `a.mask.png`, `dynamic_mask_a.png`; also .jpg and .jpeg), then the number in
-    /// them, then their order. Polarity is decided over all masks together unless given.
+    /// them, then their order. Polarity is decided over all masks together unless given, or stated in the folder's
+    /// [`POLARITY_FILE`](crate::POLARITY_FILE).
     ///
     /// # Errors
     /// [`ColmapError::Mask`] where nothing matches, a mask cannot be read or has another shape
@@ -130,8 +134,25 @@ impl MaskSet {
             ));
         }
 
+        if !labels
+            && let Some(brightest) = looks.iter().map(|look| look.brightest).max()
+            && brightest < WHITE
+        {
+            return Err(ColmapError::mask(
+                place,
+                format!(
+                    "no pixel of the {} masks is brighter than {brightest} of 255, so none is white",
+                    looks.len()
+                ),
+                "say which label is the object with --label, if they hold labels; else save them in black and white",
+            ));
+        }
+
         let (detected, reasons) = decide(&shares);
-        let polarity = polarity.unwrap_or(detected);
+        let polarity = match polarity {
+            Some(stated) => stated,
+            None => Polarity::stated_in(place)?.unwrap_or(detected),
+        };
         let mut summary = format!(
             "{} of {} photos have a mask ({}), {} have none",
             looks.len(),
@@ -197,6 +218,15 @@ pub struct MaskFiles {
 }
 
 impl MaskFiles {
+    /// Whether a folder is there with a picture in it, or with something that cannot be read and may be one.
+    #[must_use]
+    pub fn are_in(dir: &Path) -> bool {
+        dir.is_dir()
+            && PICTURES.list(dir).map_or(true, |listing| {
+                !(listing.names.is_empty() && listing.closed.is_empty())
+            })
+    }
+
     /// Matches the pictures in `dir` to the scene's photos by the names that tools give masks.
     ///
     /// # Errors
@@ -412,8 +442,9 @@ fn to_grey(image: &DynamicImage) -> GreyImage {
         return image.to_luma8();
     }
     let wide = image.to_luma16();
-    // Some tools store 8-bit masks, or the labels 0 and 1, in 16 bits without rescaling.
-    let small = wide.iter().all(|&value| value <= 255);
+    // Some tools store 8-bit masks, or the labels 0 and 1, in 16 bits without rescaling. What is as dark throughout, but neither, is a
+    // matte with next to nothing in it.
+    let small = matches!(wide.iter().max(), None | Some(0 | 1 | 255));
     GreyImage::from_fn(wide.width(), wide.height(), |x, y| {
         let value = wide.get_pixel(x, y).0[0];
         image::Luma([if small {

@@ -1,7 +1,9 @@
 //! Which colour of a mask means the object.
 
+use crate::error::ColmapError;
 use image::GrayImage;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// The colour that marks the object in mask files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -18,6 +20,28 @@ impl std::fmt::Display for Polarity {
             Polarity::WhiteIsObject => "white = object",
             Polarity::BlackIsObject => "black = object",
         })
+    }
+}
+
+/// Beside masks, says which colour is the object in them: `white = object` or `black = object`.
+pub const POLARITY_FILE: &str = "polarity.txt";
+
+impl Polarity {
+    /// What the [`POLARITY_FILE`] in a folder of masks says, if there is one.
+    pub(crate) fn stated_in(folder: &Path) -> Result<Option<Self>, ColmapError> {
+        let path = folder.join(POLARITY_FILE);
+        let Ok(text) = std::fs::read_to_string(&path) else {
+            return Ok(None);
+        };
+        let all = [Self::WhiteIsObject, Self::BlackIsObject];
+        match all.into_iter().find(|it| it.to_string() == text.trim()) {
+            Some(polarity) => Ok(Some(polarity)),
+            None => Err(ColmapError::mask(
+                &path,
+                "it says nothing about masks that is known",
+                "write \"white = object\" or \"black = object\" into it, or remove it",
+            )),
+        }
     }
 }
 

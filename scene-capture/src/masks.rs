@@ -6,7 +6,7 @@ use image::metadata::Orientation;
 use image::{DynamicImage, GrayImage, Luma};
 use io_colmap::{MaskFiles, Model, Pose, Scene, View, read_mask};
 use rayon::prelude::*;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Sizes of mask and photo differ in shape by no more than this, in pixels of the mask.
 const ROUNDING: f64 = 2.0;
@@ -29,13 +29,14 @@ pub(crate) fn write(
         ));
     }
     let files = MaskFiles::find(masks, &named_views(photos))?;
+    let as_stored = are_as_stored(photos, &files.paths);
     let black = photos
         .photos
         .par_iter()
         .zip(&files.paths)
         .map(|(photo, path)| {
             let mask = match path {
-                Some(path) => read(path, photo)?,
+                Some(path) => read(path, photo, as_stored)?,
                 None => GrayImage::from_pixel(photo.size.0, photo.size.1, Luma([255])),
             };
             let to = out.join(format!("{}.png", photo.name));
@@ -67,7 +68,54 @@ pub(crate) fn write(
         ));
     }
     notes.extend(files.notes);
+    let masked = photos.photos.iter().zip(&files.paths);
+    let turned = masked.filter(|(photo, path)| {
+        path.is_some() && photo.orientation != Orientation::NoTransforms && !shape_tells(photo)
+    });
+    let turned = turned.count();
+    if turned > 0 {
+        let (masks, verb) = match turned {
+            1 => (
+                "1 mask whose shape does not tell whether it is turned like its photo".to_owned(),
+                "is",
+            ),
+            n => (
+                format!(
+                    "{n} masks whose shapes do not tell whether they are turned like their photos"
+                ),
+                "are",
+            ),
+        };
+        notes.push(if as_stored {
+            format!("{masks} {verb} turned, as others turn out to be of photos as they were stored")
+        } else {
+            format!("{masks} {verb} taken to be upright")
+        });
+    }
     Ok(notes)
+}
+
+/// Whether the masks are of photos as they were stored: one of a photo that was turned on its side shows it by its shape.
+fn are_as_stored(photos: &PhotoSet, masks: &[Option<PathBuf>]) -> bool {
+    photos.photos.iter().zip(masks).any(|(photo, mask)| {
+        let mask = mask.as_ref().filter(|_| shape_tells(photo));
+        let lies = |(width, height)| {
+            !is_shaped((width, height), photo.size) && is_shaped((height, width), photo.size)
+        };
+        mask.is_some_and(|mask| image::image_dimensions(mask).is_ok_and(lies))
+    })
+}
+
+/// Whether a mask of the photo as it was stored has another shape than one of the photo as it is seen.
+fn shape_tells(photo: &Photo) -> bool {
+    let on_its_side = !matches!(
+        photo.orientation,
+        Orientation::NoTransforms
+            | Orientation::Rotate180
+            | Orientation::FlipHorizontal
+            | Orientation::FlipVertical
+    );
+    on_its_side && !is_shaped((photo.size.1, photo.size.0), photo.size)
 }
 
 /// The photos as views without cameras, which is enough to match names.
@@ -89,19 +137,20 @@ fn named_views(photos: &PhotoSet) -> Scene {
     }
 }
 
-/// Black and white at the photo's size; white is from half the mask's brightest value on. A mask of the photo as it was
-/// stored is turned like the photo.
-fn read(path: &Path, photo: &Photo) -> Result<GrayImage, CaptureError> {
+/// Black and white at the photo's size; white is from half the mask's brightest value on. A mask of the photo `as_stored`
+/// is turned like the photo, as is one whose shape says so.
+fn read(path: &Path, photo: &Photo, as_stored: bool) -> Result<GrayImage, CaptureError> {
     let size = photo.size;
     let mut mask = read_mask(path)?;
-    if !is_shaped(&mask, size) && photo.orientation != Orientation::NoTransforms {
+    let turned = photo.orientation != Orientation::NoTransforms;
+    if turned && (!is_shaped(mask.dimensions(), size) || as_stored && !shape_tells(photo)) {
         let mut turned = DynamicImage::ImageLuma8(mask);
         turned.apply_orientation(photo.orientation);
         mask = turned.into_luma8();
     }
     let (width, height) = mask.dimensions();
     if (width, height) != size {
-        if !is_shaped(&mask, size) {
+        if !is_shaped(mask.dimensions(), size) {
             return Err(CaptureError::bad(
                 path,
                 format!(
@@ -124,9 +173,9 @@ fn read(path: &Path, photo: &Photo) -> Result<GrayImage, CaptureError> {
     Ok(mask)
 }
 
-fn is_shaped(mask: &GrayImage, size: (u32, u32)) -> bool {
-    let scaled = f64::from(mask.width()) * f64::from(size.1) / f64::from(size.0);
-    (scaled - f64::from(mask.height())).abs() <= ROUNDING
+fn is_shaped(mask: (u32, u32), size: (u32, u32)) -> bool {
+    let scaled = f64::from(mask.0) * f64::from(size.1) / f64::from(size.0);
+    (scaled - f64::from(mask.1)).abs() <= ROUNDING
 }
 
 #[cfg(test)]
@@ -213,6 +262,49 @@ mod tests {
                 GrayImage::from_fn(16, 8, |x, _| Luma([if inside(x) { 255 } else { 0 }]));
             assert!(mask == expected, "{name}");
         }
+    }
+
+    #[test]
+    fn masks_that_lie_on_their_sides_tell_how_the_others_are_turned() {
+        let dir = tempfile::tempdir().unwrap();
+        let (photos, masks, out) = (
+            dir.path().join("photos"),
+            dir.path().join("m"),
+            dir.path().join("out"),
+        );
+        for folder in [&photos, &masks, &out] {
+            std::fs::create_dir(folder).unwrap();
+        }
+        for name in ["a.png", "b.png", "c.png"] {
+            RgbImage::new(16, 8).save(photos.join(name)).unwrap();
+        }
+        let left = GrayImage::from_fn(16, 8, |x, _| Luma([if x < 4 { 255 } else { 0 }]));
+        left.save(masks.join("b.png")).unwrap();
+        let mut set = PhotoSet::find(&photos).unwrap();
+        set.photos[0].size = (8, 16);
+        set.photos[0].orientation = Orientation::Rotate90;
+        set.photos[1].orientation = Orientation::Rotate180;
+        let white_column = || {
+            let mask = image::open(out.join("b.png.png")).unwrap().into_luma8();
+            [0, 15].map(|x| mask.get_pixel(x, 3).0[0] == 255)
+        };
+        let notes = write(&masks, &set, &out).unwrap();
+        assert_eq!(white_column(), [true, false]);
+        assert!(
+            notes
+                .iter()
+                .any(|note| note.contains("taken to be upright")),
+            "{notes:?}"
+        );
+        left.save(masks.join("a.png")).unwrap();
+        let notes = write(&masks, &set, &out).unwrap();
+        assert_eq!(white_column(), [false, true]);
+        assert!(
+            notes
+                .iter()
+                .any(|note| note.contains("as they were stored")),
+            "{notes:?}"
+        );
     }
 
     #[test]

@@ -108,10 +108,16 @@ pub enum Missing {
     LeftOut,
 }
 
-/// The pictures that lie in the folders of `photos` and are none of them.
+/// The pictures that lie in the folders of `photos` and are none of them, nor of their `masks`.
 #[must_use]
-pub fn photos_without_pose(photos: &[PathBuf]) -> Vec<String> {
-    let posed: BTreeSet<&Path> = photos.iter().map(PathBuf::as_path).collect();
+pub fn photos_without_pose<'a>(
+    photos: &'a [PathBuf],
+    masks: impl IntoIterator<Item = &'a PathBuf>,
+) -> Vec<String> {
+    let posed = photos.iter().map(PathBuf::as_path);
+    let posed: BTreeSet<&Path> = posed
+        .chain(masks.into_iter().map(PathBuf::as_path))
+        .collect();
     let folders: BTreeSet<&Path> = photos.iter().filter_map(|photo| photo.parent()).collect();
     let mut unposed: Vec<String> = folders
         .into_iter()

@@ -75,7 +75,7 @@ impl MaskOptions {
             MaskSource::Look if imported.masks.iter().any(Option::is_some) => Chosen::Listed,
             MaskSource::Look => {
                 let folder = imported.root.join("masks");
-                if folder.is_dir() {
+                if MaskFiles::are_in(&folder) {
                     Chosen::Folder(folder)
                 } else {
                     Chosen::Alpha { required: false }

@@ -86,7 +86,8 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         let centre = DVec3::new(value("x")?, value("y")?, value("alt")?);
         let angles = [value("heading")?, value("pitch")?, value("roll")?];
         let k = [value("k1")?, value("k2")?, value("k3")?, value("k4")?];
-        let p = [value("t1")?, value("t2")?];
+        // OpenCV's p1 and p2 are these the other way round: the program's own export for OpenCV writes t2 before t1.
+        let p = [value("t2")?, value("t1")?];
         let inner = [value("f")?, value("px")?, value("py")?];
         gather.views.push(Found {
             mask: None,

@@ -5,7 +5,7 @@ use crate::error::ImportError;
 use crate::gather::{Dropped, Imported};
 use crate::masks::{Chosen, MaskOptions, mask_path, save};
 use draft_folder::{Draft, Occupant};
-use io_colmap::{Model, PhotoHeader, Scene, picture_error, read_photo};
+use io_colmap::{Model, POLARITY_FILE, PhotoHeader, Polarity, Scene, picture_error, read_photo};
 use rayon::prelude::*;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -106,6 +106,12 @@ impl Imported {
                 "no photo has an alpha channel that says anything",
                 "name another source of masks, or none",
             ));
+        }
+        if count > 0 {
+            // So that whoever reads them need not guess, and cannot guess otherwise than the user has said here.
+            let path = mask_dir.join(POLARITY_FILE);
+            let text = format!("{}\n", Polarity::WhiteIsObject);
+            fs::write(&path, text).map_err(|e| ImportError::io("write", &path, e))?;
         }
         let text = folder.join("import.txt");
         fs::write(&text, self.record(&notes)).map_err(|e| ImportError::io("write", &text, e))?;

@@ -8,12 +8,14 @@
 mod error;
 mod files;
 mod lock;
+mod verdicts;
 
 pub use error::RunError;
 pub(crate) use files::{view_file, write_folder, write_whole};
 
 use files::{
-    Durability, PARTIAL, remove_file, remove_folder, remove_made, remove_pictures, write_file,
+    Durability, PARTIAL, holds_pictures, remove_file, remove_folder, remove_made, remove_pictures,
+    write_file,
 };
 use lock::{LOCK, Lock};
 use std::fs;
@@ -135,7 +137,10 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::NoRun`] if there is none, [`RunError::Busy`] while another process makes it.
     pub fn go_on(path: &Path) -> Result<Self, RunError> {
-        Self::open_existing(path)?.locked()
+        let run = Self::open_existing(path)?.locked()?;
+        // Of a program that was killed before the run that was to replace this one began.
+        run.bring_back_scene()?;
+        Ok(run)
     }
 
     fn locked(self) -> Result<Self, RunError> {
@@ -187,6 +192,7 @@ impl RunFolder {
         if pending.replace {
             self.clear()?;
         }
+        remove_folder(&self.earlier_scene_dir())?;
         if let Some(config) = &pending.config {
             write_file(&self.config_path(), Durability::Disk, |out| {
                 out.write_all(config.as_bytes())
@@ -194,6 +200,15 @@ impl RunFolder {
         }
         *slot = None;
         Ok(())
+    }
+
+    /// Whether anything of this run has been written, so that results of an earlier one are gone.
+    #[must_use]
+    pub(crate) fn has_begun(&self) -> bool {
+        self.pending
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .is_none()
     }
 
     /// Whether there is a checkpoint to go on from.
@@ -207,22 +222,19 @@ impl RunFolder {
     }
 
     /// Takes back what was written, after input that turned out to be unusable: results if any were
-    /// begun, and the scene if the run made it. The folder goes too if the run made it and it is empty then.
+    /// begun, and the scene if the run made it, in whose place that of an earlier run comes back. The folder goes too if the
+    /// run made it and it is empty then.
     ///
     /// # Errors
     /// [`RunError::Io`].
     pub(crate) fn abandon(&self, owns_scene: bool) -> Result<(), RunError> {
-        let begun = self
-            .pending
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .is_none();
-        if begun {
+        if self.has_begun() {
             self.clear()?;
         }
         if owns_scene {
             remove_folder(&self.scene_dir())?;
         }
+        self.bring_back_scene()?;
         if let Some(lock) = &self.lock {
             lock.remove_file();
         }
@@ -280,6 +292,12 @@ impl RunFolder {
     #[must_use]
     pub fn found_masks_dir(&self) -> PathBuf {
         self.root.join("found_masks")
+    }
+
+    /// Whether the run found its masks itself. A file that somebody else left in their folder does not count.
+    #[must_use]
+    pub fn has_found_masks(&self) -> bool {
+        holds_pictures(&self.found_masks_dir(), "png")
     }
 
     /// `uncertainty/`: where mattes should not be relied on, 8-bit grey.
@@ -342,14 +360,32 @@ impl RunFolder {
     }
 
     /// Puts a scene that was made elsewhere on the same disk into [`RunFolder::scene_dir`], in place
-    /// of one that an earlier run made there.
+    /// of one that an earlier run made there, which goes with that run's results: with the first file that is written.
     ///
     /// # Errors
     /// [`RunError::Io`].
     pub(crate) fn take_scene(&self, made: &Path) -> Result<(), RunError> {
-        let dir = self.scene_dir();
-        remove_folder(&dir)?;
+        let (dir, earlier) = (self.scene_dir(), self.earlier_scene_dir());
+        remove_folder(&earlier)?;
+        if dir.is_dir() {
+            fs::rename(&dir, &earlier).map_err(|e| RunError::io("move away", &dir, e))?;
+        }
         fs::rename(made, &dir).map_err(|e| RunError::io("create the folder", &dir, e))
+    }
+
+    /// Puts the scene of an earlier run, in whose place another was put, back there, if this run has not begun.
+    fn bring_back_scene(&self) -> Result<(), RunError> {
+        let (dir, earlier) = (self.scene_dir(), self.earlier_scene_dir());
+        if earlier.is_dir() {
+            remove_folder(&dir)?;
+            fs::rename(&earlier, &dir).map_err(|e| RunError::io("move back", &earlier, e))?;
+        }
+        Ok(())
+    }
+
+    /// Where an earlier run's scene is until this run has begun.
+    fn earlier_scene_dir(&self) -> PathBuf {
+        self.root.join(format!("{PARTIAL}earlier-scene"))
     }
 
     /// A name in the run's folder for a scene that is being made; nothing is there.

@@ -332,12 +332,13 @@ pub(crate) fn reality_capture_eyes() -> Vec<(Eye, [f64; 3])> {
     ]
 }
 
-/// `k1 k2 t1 t2 k3`.
+/// `k1 k2 p1 p2 k3`, as OpenCV has them.
 pub(crate) const REALITY_CAPTURE_LENS: [f64; 5] = [0.04, -0.02, 5e-4, -1e-3, 0.01];
 pub(crate) const REALITY_CAPTURE_FOCAL: f64 = 100.0;
 
 pub(crate) fn reality_capture(dir: &Path) {
-    let [k1, k2, t1, t2, k3] = REALITY_CAPTURE_LENS;
+    // The tangential ones the other way round.
+    let [k1, k2, t2, t1, k3] = REALITY_CAPTURE_LENS;
     let longer = f64::from(WIDTH);
     let mut text =
         "#cameras 6\n#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2\n".to_owned();

@@ -43,6 +43,7 @@ fn assert_written(out: &Path, photos: &[&str]) {
     let mut names: Vec<String> = fs::read_dir(out.join("masks"))
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .filter(|name| name != io_colmap::POLARITY_FILE)
         .collect();
     names.sort();
     let expected: Vec<String> = photos.iter().map(|name| format!("{name}.png")).collect();
@@ -109,6 +110,13 @@ fn folders_are_looked_up_and_their_polarity_may_be_stated() {
         .unwrap()
         .into_luma8();
     assert_eq!(found, mask(0, 255));
+    // Whoever reads them takes what was said, though they look otherwise.
+    let scene = Scene::open(&out).unwrap();
+    let set = MaskSet::find(&out.join("masks"), &scene, None).unwrap();
+    assert_eq!(set.polarity, Polarity::WhiteIsObject);
+    fs::write(out.join("masks").join(io_colmap::POLARITY_FILE), "grey\n").unwrap();
+    let error = MaskSet::find(&out.join("masks"), &scene, None).unwrap_err();
+    assert!(error.to_string().contains("polarity.txt"), "{error}");
     let none = MaskOptions {
         source: MaskSource::None,
         ..MaskOptions::default()

@@ -3,7 +3,7 @@
 use super::answer::Voice;
 use super::import::{Imported, free_scene_dir, write_into_run};
 use super::input::{Plan, owns_scene};
-use super::train::folder;
+use super::train::{folder, say_kept};
 use super::{CaptureArgs, TrainArgs, program};
 use crate::error::InputError;
 use crate::export::check_names;
@@ -12,7 +12,7 @@ use crate::run_folder::{RunError, RunFolder};
 use anyhow::Context as _;
 use scene_capture::{CaptureOptions, Existing, RECORD, Source, Stage, Tools, Watch};
 use scene_export::quoted;
-use scene_import::MaskSource;
+use scene_import::{MaskOptions, MaskSource};
 use serde_json::json;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -135,11 +135,28 @@ pub(super) fn capture_for_run(
             screen.warn(warning);
         }
         let imported = scene_import::read(&scene_import::detect(&scene, None)?, None)?;
-        check_names(imported.model.views.iter().map(|view| view.name.as_str()))?;
-        let masks_dir = write_into_run(&imported, &run, plan, masks, screen)?;
+        let names = imported.model.views.iter().map(|view| view.name.as_str());
+        let written = check_names(names)
+            .map_err(anyhow::Error::from)
+            .and_then(|()| write_into_run(&imported, &run, plan, masks, screen));
+        // Poses that took an hour are kept whatever becomes of the run, without masks if these are of no use, and results of
+        // other ones are not beside them.
+        if written.is_err() {
+            let bare = run.fresh_scene_dir()?;
+            let no_masks = MaskOptions {
+                source: MaskSource::None,
+                ..MaskOptions::default()
+            };
+            imported.write(&bare, &no_masks)?;
+            run.take_scene(&bare)?;
+        }
         // A record of what has been said; the scene is whole without it.
         let _ = std::fs::copy(scene.join(RECORD), run.scene_dir().join(RECORD));
-        Ok(masks_dir)
+        run.begin()?;
+        if written.is_err() {
+            say_kept(&run, true);
+        }
+        written
     });
     let masks_dir = made.inspect_err(|_| {
         // The error that is on its way says more than one from tidying up.

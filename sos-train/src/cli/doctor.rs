@@ -144,7 +144,10 @@ impl Patient {
             files: Files {
                 missing,
                 missing_are: Missing::Refused,
-                unposed: photos_without_pose(&paths),
+                unposed: photos_without_pose(
+                    &paths,
+                    masks.iter().flat_map(|masks| &masks.paths).flatten(),
+                ),
             },
             scene,
             masks,
@@ -208,7 +211,7 @@ impl Patient {
                     .map(|view| view.name.clone())
                     .collect(),
                 missing_are: Missing::LeftOut,
-                unposed: photos_without_pose(&imported.photos),
+                unposed: photos_without_pose(&imported.photos, imported.masks.iter().flatten()),
             },
             scene,
             masks,

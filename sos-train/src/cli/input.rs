@@ -8,9 +8,11 @@ use crate::discover::hint::{Click, WorldBox};
 use crate::error::InputError;
 use crate::run_folder::{RunError, RunFolder};
 use crate::train::checkpoint::step_of;
+use crate::train::schedule::keep_carving;
 use anyhow::Context as _;
 use demo_scene::{DemoConfig, DemoError, DemoScene, check_vacant, generate};
 use draft_folder::Occupant;
+use io_colmap::MaskFiles;
 use scene_import::MaskSource;
 use serde_json::json;
 use std::fs;
@@ -67,6 +69,10 @@ impl Plan {
         {
             return Err(no_scene(scene).into());
         }
+        let paths = [&args.scene, &args.masks, &args.ignore, &args.out];
+        for path in paths.into_iter().flatten() {
+            check_unicode(path)?;
+        }
         let repeated = args.config.as_deref().map(read_record).transpose()?;
         let named = repeated.as_ref().and_then(|record| record.input.as_ref());
         let out = run_path(args, named)?;
@@ -113,6 +119,7 @@ impl Plan {
                     "leave --steps out to have its results drawn again, or give more to train on";
                 return Err(InputError::new(&out, wrong, remedy).into());
             }
+            keep_carving(&mut config, &record.config, step);
         }
 
         let input = saved.and_then(|record| record.input);
@@ -167,6 +174,19 @@ impl Plan {
     }
 }
 
+/// An error if `config.toml`, which is text, could not hold the path in full.
+fn check_unicode(path: &Path) -> Result<(), InputError> {
+    let full = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+    match full.to_str() {
+        Some(_) => Ok(()),
+        None => Err(InputError::new(
+            &full,
+            "this path has letters that are not Unicode, so a run's config.toml could not name it",
+            "rename the file or folder",
+        )),
+    }
+}
+
 /// Where a scene says what is not to be learned from, if it does.
 pub(super) fn ignore_folder(scene: &Path) -> Option<PathBuf> {
     Some(scene.join("ignore")).filter(|dir| dir.is_dir())
@@ -185,7 +205,7 @@ pub(super) fn mask_folder(
         MaskSource::Look if demo => (Some(scene.join("coarse_masks")), None),
         MaskSource::Look => {
             let masks = scene.join("masks");
-            if masks.is_dir() {
+            if MaskFiles::are_in(&masks) {
                 let note = format!(
                     "masks are taken from {} (--masks none to do without)",
                     masks.display()

@@ -121,8 +121,10 @@ pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
             Ok((EXIT_INTERRUPTED, run.root().to_path_buf()))
         }
         Err(error) => {
-            // Input that cannot be used leaves nothing behind; a run that got somewhere does.
-            if !args.resume && !run.has_checkpoint() {
+            // Input that cannot be used leaves nothing behind; a run that got somewhere does. A checkpoint that is there before a
+            // run has begun is an earlier one's.
+            let got_somewhere = run.has_begun() && run.has_checkpoint();
+            if !args.resume && !got_somewhere {
                 run.abandon(owns_scene)?;
                 say_kept(&run, captured);
             }
@@ -141,7 +143,7 @@ fn stated_device(name: &str) -> String {
 }
 
 /// Says where a scene is that outlives its run: COLMAP's work is not thrown away.
-fn say_kept(run: &RunFolder, captured: bool) {
+pub(super) fn say_kept(run: &RunFolder, captured: bool) {
     if captured {
         let scene = quoted(&run.scene_dir());
         let _ = writeln!(
@@ -248,7 +250,7 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
     );
     let config = plan.config.settled(&scene.model);
     let record = RunRecord::new(config.clone(), input).to_toml()?;
-    if args.resume || demo {
+    if run.has_begun() {
         run.write_durably(&run.config_path(), |out| out.write_all(record.as_bytes()))?;
     } else {
         run.set_config(record);

@@ -3,7 +3,7 @@
 //! A configuration comes about in layers, later ones winning:
 //! 1. a [`Preset`],
 //! 2. a `config.toml`: the one of RUN with `--resume`, another one with `--config`,
-//! 3. the command line: `--steps`, `--seed`, `--device`, then each `--set key=value` in order.
+//! 3. the command line: `--steps`, `--seed`, `--device`, `--downscale`, then each `--set key=value` in order.
 //!
 //! Each layer is laid over the one below by [`TrainConfig::with_toml`] or
 //! [`TrainConfig::apply_override`]; both know all keys, and answer a misspelt one with the nearest.

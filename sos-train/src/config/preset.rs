@@ -170,7 +170,8 @@ fn quick() -> TrainConfig {
     }
 }
 
-/// What the paper's text and figures state; what they leave open is as in neighbouring code.
+/// What the paper's text and figures state; what they leave open is as in neighbouring code. Its `b` is trained, but, as in all presets,
+/// between a limit that rises over the run and half of that (`schedule::sharpness_cap`).
 fn paper() -> TrainConfig {
     let base = default();
     TrainConfig {

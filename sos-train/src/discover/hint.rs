@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use io_colmap::SparsePoint;
+use scene_decomp::probability::ProbabilityMap;
 use serde::{Deserialize, Serialize};
 
 use super::parts::{PartSet, Parts};
@@ -200,6 +201,23 @@ impl Hint {
         }
     }
 
+    /// Takes out of the fused distances `solid` `[resolution^3]` what lies outside of the box, if there is one: the region is the
+    /// cube around it, in which its neighbours may stand.
+    pub(super) fn clip(&self, solid: &mut [f32], resolution: usize, frame: &Frame) {
+        let Self::Box(WorldBox { low, high }) = self else {
+            return;
+        };
+        // What is at a face of the box is in the voxel that the face goes through.
+        let voxel = 2.0 * frame.half_side / resolution as f64;
+        let (low, high) = (DVec3::from(*low) - voxel, DVec3::from(*high) + voxel);
+        for (cell, distance) in solid.iter_mut().enumerate() {
+            let at = frame.world_from_normalised(ProbabilityMap::centre(resolution, cell));
+            if at.cmplt(low).any() || at.cmpgt(high).any() {
+                *distance = f32::INFINITY;
+            }
+        }
+    }
+
     /// The parts that are the object.
     pub(super) fn choose(
         &self,
@@ -294,6 +312,27 @@ mod tests {
         for wrong in ["1,2,3", "1,0,0,0,1,1", "a,b,c,d,e,f", "0,0,0,1,1,nan"] {
             assert!(wrong.parse::<WorldBox>().is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn what_stands_beside_a_flat_box_is_not_in_it() {
+        let hint = Hint::Box("2,3,4,3,4,8".parse().unwrap());
+        let frame = hint.region(&[], &[]).unwrap();
+        assert_eq!(
+            (frame.centre, frame.half_side),
+            (DVec3::new(2.5, 3.5, 6.0), 2.0)
+        );
+        let n = 8;
+        let mut solid = vec![-1.0; n * n * n];
+        hint.clip(&mut solid, n, &frame);
+        for (cell, distance) in solid.iter().enumerate() {
+            let at = frame.world_from_normalised(ProbabilityMap::centre(n, cell));
+            let within = (at.x - 2.5).abs() < 1.0 && (at.y - 3.5).abs() < 1.0;
+            assert_eq!(*distance < 0.0, within, "{at}");
+        }
+        let before = solid.clone();
+        Hint::Nothing.clip(&mut solid, n, &frame);
+        assert_eq!(solid, before);
     }
 
     #[test]

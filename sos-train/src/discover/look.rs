@@ -90,6 +90,7 @@ impl Look {
             let eyes = humps::Eyes::new(&data.views, &data.frame, &depths);
             humps::flatten(&mut solid, RESOLUTION, ground, &eyes);
         }
+        hint.clip(&mut solid, RESOLUTION, &data.frame);
         let parts = Parts::new(&solid, RESOLUTION, ground.as_ref());
         let chosen = hint.choose(&parts, &data, &depths)?;
         Ok(Some(Self {

@@ -41,7 +41,7 @@ pub fn admit(
         .map(|view| scene.image_path(view))
         .collect();
     let files = Files {
-        unposed: photos_without_pose(&paths),
+        unposed: photos_without_pose(&paths, job.masks.iter().flat_map(|m| &m.paths).flatten()),
         ..Files::default()
     };
     let name = job.given.display().to_string();

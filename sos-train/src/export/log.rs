@@ -65,7 +65,7 @@ impl TrainLog {
     }
 
     /// The log of a run that goes on from its checkpoint at `step`: lines from beyond it, which
-    /// will be written anew, and a line a crash cut short are dropped.
+    /// will be written anew, lines that say it has come to its end, and a line a crash cut short are dropped.
     ///
     /// # Errors
     /// [`RunError::Io`].
@@ -76,7 +76,10 @@ impl TrainLog {
             .lines()
             .filter(|line| {
                 serde_json::from_str::<Value>(line).is_ok_and(|value| {
-                    value.get("step").and_then(Value::as_u64).unwrap_or(0) <= u64::from(step)
+                    let event = value.get("event").and_then(Value::as_str);
+                    let ended = matches!(event, Some("export" | "end"));
+                    let at = value.get("step").and_then(Value::as_u64).unwrap_or(0);
+                    !ended && at <= u64::from(step)
                 })
             })
             .collect();

@@ -176,7 +176,8 @@ fn answer(live: &Live, port: u16, request: Request) {
 
 /// Whether a request names this server as itself.
 fn is_own_host(host: Option<&str>, port: u16) -> bool {
-    host.and_then(|host| host.rsplit_once(':'))
+    // Browsers leave a port of 80 out.
+    host.map(|host| host.rsplit_once(':').unwrap_or((host, "80")))
         .is_some_and(|(name, at)| {
             ["127.0.0.1", "localhost"].contains(&name.to_ascii_lowercase().as_str())
                 && at.parse() == Ok(port)

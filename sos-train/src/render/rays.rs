@@ -178,6 +178,11 @@ impl FrozenScene {
         model.alpha != AlphaSource::Opacity || model.blend != Blend::Sample
     }
 
+    /// Whether FoCoR is drawn as if there were no BaCo before it, to be blended with it ray by ray.
+    fn draws_object_alone(&self) -> bool {
+        self.config.model.blend == Blend::Ray
+    }
+
     /// Where half of each ray's light has come from: distances in the normalised frame, infinite where
     /// that is behind the box.
     #[must_use]
@@ -185,28 +190,26 @@ impl FrozenScene {
         rays.par_chunks(CHUNK)
             .map_init(BatchMarcher::default, |marcher, chunk| {
                 let (marched, look) = self.look(chunk, marcher, Extent::Box, false);
-                let mut weights = vec![0.0f32; chunk.len()];
-                let mut distances = vec![f32::INFINITY; chunk.len()];
-                let packing = &marched.packing;
-                // In front-to-back order within each field; where both have samples, each finds
-                // its own median, and the nearer one counts.
-                for (samples, intervals, seen) in [
-                    (&marched.object, packing.object(), &look.visibility.object),
-                    (
-                        &marched.background,
-                        packing.background(),
-                        &look.visibility.background,
-                    ),
+                let (packing, seen) = (&marched.packing, &look.visibility);
+                let mut light = vec![0.0f32; packing.interval_count()];
+                for (intervals, seen) in [
+                    (packing.object(), &seen.object),
+                    (packing.background(), &seen.background),
                 ] {
-                    for (i, &ray) in samples.ray.iter().enumerate() {
-                        let ray = ray as usize;
-                        weights[ray] += seen[i].weight;
-                        if weights[ray] >= 0.5 {
-                            let t = packing.t()[intervals[i] as usize];
-                            distances[ray] = distances[ray].min(t);
-                        }
+                    for (&interval, seen) in intervals.iter().zip(seen) {
+                        light[interval as usize] += seen.weight;
                     }
                 }
+                let median = |range: &[u32]| {
+                    let mut sum = 0.0;
+                    let mut intervals = range[0] as usize..range[1] as usize;
+                    let half = intervals.find(|&interval| {
+                        sum += light[interval];
+                        sum >= 0.5
+                    });
+                    half.map_or(f32::INFINITY, |interval| packing.t()[interval])
+                };
+                let distances: Vec<f32> = packing.ray_offsets().windows(2).map(median).collect();
                 distances
             })
             .flatten_iter()
@@ -241,7 +244,7 @@ impl FrozenScene {
             return self.split(&marched.samples(), extent);
         }
         let alone = Alone {
-            object: false,
+            object: self.draws_object_alone(),
             background: alone,
         };
         self.fields.look(marched, &self.config, 1.0, |_| alone)
@@ -275,7 +278,7 @@ impl FrozenScene {
 
     /// Colours of the samples that light reaches, in both fields alone and together.
     fn render_marched(&self, marched: &MarchedBatch, look: &Look) -> Vec<RenderedRay> {
-        let object = look.object_reached(|_| false);
+        let object = look.object_reached(|_| self.draws_object_alone());
         let background = look.background_reached(|_| true);
         let mut kept = marched.keep(&object, &background);
         kept.background.look_up(&self.map);

@@ -86,6 +86,7 @@ impl FrozenScene {
             object,
             background,
             visibility,
+            through_object: false,
         };
         (split, look)
     }

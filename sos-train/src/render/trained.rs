@@ -30,8 +30,8 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     let (points, sizes) = (&inputs.scene.model.points, &config.prepare);
     // As the run itself did: the box is found with masks as they are, unless it found them itself, and
     // the tables have the size for photos as they were trained on.
-    let given = photos.iter().filter(|view| view.mask.is_some()).count() > 1
-        && !run.found_masks_dir().is_dir();
+    let given =
+        photos.iter().filter(|view| view.mask.is_some()).count() > 1 && !run.has_found_masks();
     let consensus = given.then(|| MaskConsensus::of(&photos, points, sizes));
     let consensus = consensus.transpose()?;
     let (views, photos) = match sizes.downscale {

@@ -72,9 +72,8 @@ impl ReportInputs {
             other => other.clone(),
         };
         // Masks that the run found are what it started from.
-        let found = run.found_masks_dir();
-        let (masks_dir, polarity) = if found.is_dir() {
-            (Some(found), Some(MaskPolarity::White))
+        let (masks_dir, polarity) = if run.has_found_masks() {
+            (Some(run.found_masks_dir()), Some(MaskPolarity::White))
         } else {
             (masks_dir, input.polarity)
         };

@@ -113,6 +113,18 @@ pub(super) fn remove_pictures(folder: &Path, ending: &str) -> Result<(), RunErro
     Ok(())
 }
 
+/// Whether there is a file with the ending below a folder.
+pub(super) fn holds_pictures(folder: &Path, ending: &str) -> bool {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.map(|entry| entry.path()).any(|path| {
+        if path.is_dir() {
+            holds_pictures(&path, ending)
+        } else {
+            path.extension().is_some_and(|e| e == ending)
+        }
+    })
+}
+
 /// Removes what was made of a run's results below `folder`: each folder in it that says so by its record.
 pub(super) fn remove_made(folder: &Path) -> Result<(), RunError> {
     // A link leads out of the run.

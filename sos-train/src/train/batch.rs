@@ -200,6 +200,8 @@ pub struct MarchedRays<'a> {
     pub intervals: &'a Intervals,
     /// Neither field is asked where this gives space to the other.
     pub partition: Partition<'a>,
+    /// Whether they were marched on behind the box, to where the scene ends.
+    pub to_the_end: bool,
 }
 
 /// Rays that one task turns into samples.
@@ -224,7 +226,7 @@ impl BatchMarcher {
         partition: Partition<'a>,
     ) -> MarchedRays<'a> {
         self.marcher.march(rays, grids, config, &mut self.intervals);
-        self.along(rays, partition)
+        self.along(rays, partition, config)
     }
 
     /// The same without the background behind each ray's last interval of the object's, which no
@@ -249,14 +251,20 @@ impl BatchMarcher {
             let behind = last.map_or(range.start, |last| range.start + last + 1);
             background[behind..range.end].fill(false);
         }
-        self.along(rays, partition)
+        self.along(rays, partition, config)
     }
 
-    fn along<'a>(&'a self, rays: &'a [Ray], partition: Partition<'a>) -> MarchedRays<'a> {
+    fn along<'a>(
+        &'a self,
+        rays: &'a [Ray],
+        partition: Partition<'a>,
+        config: &MarchConfig,
+    ) -> MarchedRays<'a> {
         MarchedRays {
             rays,
             intervals: &self.intervals,
             partition,
+            to_the_end: config.behind_box,
         }
     }
 }
@@ -335,7 +343,8 @@ impl MarchedRays<'_> {
         let length = across.length();
         let direction = across / length.max(1e-12);
         to.background.push(contract(point), direction, number);
-        let last = interval + 1 == intervals.ray_offsets[number as usize + 1];
+        // The last of a ray that was not marched to its end may lie before the box, and is like any other there.
+        let last = self.to_the_end && interval + 1 == intervals.ray_offsets[number as usize + 1];
         Some(if last { BACKDROP } else { length })
     }
 }
@@ -375,5 +384,48 @@ impl SampleLists {
             all.background_intervals.extend(part.background_intervals);
         }
         all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use neus_render::occupancy::OccupancyGrid;
+    use scene_decomp::BACKGROUND_HALF_SIDE;
+
+    /// Something in front of the box, and nothing in it.
+    #[test]
+    fn what_is_before_the_box_does_not_end_a_ray() {
+        let mut grid = OccupancyGrid::new(32, BACKGROUND_HALF_SIDE);
+        let before: Vec<u32> = (0..grid.cell_count() as u32)
+            .filter(|&cell| grid.centre_of(cell).z < -1.2)
+            .collect();
+        grid.update(&before, &vec![1.0; before.len()]);
+        grid.rebuild_bits(0.5);
+        let map = ProbabilityMap::new(2, vec![0.5; 8]);
+        let hull = LevelSet::new(&map, 0.9);
+        let rays = [Ray::new(Vec3::new(0.0, 0.0, -3.0), Vec3::Z).expect("a direction")];
+        for behind_box in [false, true] {
+            let config = MarchConfig {
+                behind_box,
+                background_samples: 32,
+                ..MarchConfig::default()
+            };
+            let grids = Grids {
+                object: None,
+                background: Some(&grid),
+            };
+            let partition = Partition {
+                map: &map,
+                hull: &hull,
+                crop: None,
+            };
+            let mut marcher = BatchMarcher::default();
+            let marched = marcher.march(&rays, grids, &config, partition);
+            let samples = marched.samples();
+            assert!(samples.background.len() > 3);
+            let ends = samples.packing.dt().contains(&BACKDROP);
+            assert_eq!(ends, behind_box);
+        }
     }
 }

@@ -249,12 +249,14 @@ impl Trainer {
     /// When the checkpoint cannot be read.
     pub fn recover(&mut self, run: &RunFolder, data: &Prepared) -> anyhow::Result<()> {
         let (scale, faults) = (self.rate_scale, self.mask_faults.clone());
-        if run.checkpoint_dir().exists() {
+        let contrasts = self.mask_contrasts.clone();
+        if run.has_checkpoint() {
             self.load(run)?;
         } else {
             *self = Self::new(&self.config().clone(), data)?;
         }
         self.rate_scale = 0.5 * scale;
+        self.mask_contrasts = contrasts;
         // The masks stay as they have been corrected.
         self.mask_faults = faults;
         Ok(())

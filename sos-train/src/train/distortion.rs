@@ -176,6 +176,7 @@ mod tests {
                 object: weights(&[0.3, 0.2]),
                 background: weights(&[0.1, 0.15, 0.25]),
             },
+            through_object: false,
         };
         let found = spread(&marched, &look);
         let all = [

@@ -91,15 +91,16 @@ fn gather_chunk(
         ..rules.march
     };
     let marched = marcher.march(rays, rules.grids, &march, rules.partition);
-    // Where the background is asked for by itself, it has to be complete behind the object too.
-    let both_alone = config.model.blend == Blend::Ray || config.model.alpha == AlphaSource::Head;
+    // What is drawn by itself has to be complete behind the other one too: BaCo, and FoCoR where they are blended ray by ray.
+    let by_ray = config.model.blend == Blend::Ray;
+    let both_alone = by_ray || config.model.alpha == AlphaSource::Head;
     let outside_alone = config.loss.background > 0.0;
     let cleared = |ray: usize| {
         let ray = first + ray;
         rules.contested.clears(batch.views[ray], batch.votes[ray])
     };
     let alone = |ray: usize| Alone {
-        object: cleared(ray),
+        object: by_ray || cleared(ray),
         background: both_alone || (outside_alone && batch.labels[first + ray] == Label::Background),
     };
     let (marched, look) = fields.look(marched, config, rules.cos_anneal, alone);
@@ -128,13 +129,8 @@ fn gather_chunk(
     for (ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
         mattes[*ray as usize] += seen.weight;
     }
-    let mut box_background = match config.model.alpha {
-        AlphaSource::Opacity | AlphaSource::Head => {
-            box_background(rays.len(), &marched.background, &look.visibility.background)
-        }
-        // The look takes FoCoR for transparent then, so that everything would be background.
-        AlphaSource::Both => vec![0.0; rays.len()],
-    };
+    let mut box_background =
+        box_background(rays.len(), &marched.background, &look.visibility.background);
     for (ray, share) in box_background.iter_mut().enumerate() {
         if cleared(ray) {
             *share = 0.0;

@@ -15,6 +15,7 @@ use scene_decomp::sdf_field::Tape;
 use scene_decomp::{FrozenSurface, Geometry};
 
 use super::batch::{FieldSamples, MarchedBatch, MarchedRays, SampleLists};
+use super::order::{by_ray, numbers, select};
 use super::visible::{Alone, LEAST_TRANSMITTANCE, Look};
 use crate::config::Transparency;
 
@@ -26,8 +27,9 @@ const FIRST_ROUND: usize = 8;
 pub(super) struct Rules {
     /// Of object and background.
     pub(super) transparency: [Transparency; 2],
-    /// The matte value that samples of the object count with.
-    pub(super) matte: f32,
+    /// Whether light is taken to go on through the object, whose head nobody asks: all of its samples are looked at
+    /// then, though they weigh what they would if the head said 1.
+    pub(super) through_object: bool,
     pub(super) sharpness: [f32; 2],
     pub(super) compositing: CompositeConfig,
     /// Whether what the fields say is written down, for backward.
@@ -43,7 +45,8 @@ pub(super) fn look(
     rules: Rules,
     alone: impl Fn(usize) -> Alone,
 ) -> (MarchedBatch, Look) {
-    let mut reached = Reached::new(marched, [object.columns(), background.columns()]);
+    let columns = [object.columns(), background.columns()];
+    let mut reached = Reached::new(marched, columns, rules.through_object);
     let tapes = rules.taped.map(|taped| taped.then(Tape::default));
     let mut rays = all_rays(marched);
     let mut most = FIRST_ROUND;
@@ -53,11 +56,11 @@ pub(super) fn look(
         let object_geometry = ask(object, &at.object, round.object, &tapes[0]);
         let background_geometry = ask(background, &at.background, round.background, &tapes[1]);
         let [of_object, of_background] = rules.transparency;
-        let object_values = rows::<{ object_column::COUNT }>(
+        let mut object_values = rows::<{ object_column::COUNT }>(
             &object_geometry,
             of_object,
             &reached.samples.object.directions[3 * round.object..],
-            |value| value[object_column::MATTE] = rules.matte,
+            |value| value[object_column::MATTE] = 1.0,
         );
         let background_values = rows::<{ background_column::COUNT }>(
             &background_geometry,
@@ -65,29 +68,54 @@ pub(super) fn look(
             &reached.samples.background.directions[3 * round.background..],
             |_| {},
         );
-        let seen = visibility_from(
-            &object_values,
-            &background_values,
-            rules.sharpness,
-            &round.packing,
-            rules.compositing,
-            &mut round.light,
-        );
+        let visibility = |object: &[f32], light: &mut [Light]| {
+            visibility_from(
+                object,
+                &background_values,
+                rules.sharpness,
+                &round.packing,
+                rules.compositing,
+                light,
+            )
+        };
+        let mut seen = visibility(&object_values, &mut round.light);
+        if rules.through_object {
+            let values = object_values.as_chunks_mut::<{ object_column::COUNT }>().0;
+            values
+                .iter_mut()
+                .for_each(|value| value[object_column::MATTE] = 0.0);
+            let reach = visibility(&object_values, &mut round.light_through);
+            let of_both = [
+                (&mut seen.object, reach.object),
+                (&mut seen.background, reach.background),
+            ];
+            for (seen, reach) in of_both {
+                for (seen, reach) in seen.iter_mut().zip(reach) {
+                    seen.transmittance = reach.transmittance;
+                }
+            }
+        }
         reached.object.values.extend(object_geometry.values);
         reached.background.values.extend(background_geometry.values);
         reached.visibility.object.extend(seen.object);
         reached.visibility.background.extend(seen.background);
-        for (ray, light) in rays.iter_mut().zip(&round.light) {
-            ray.light = *light;
+        let light = round.light.iter().zip(&round.light_through);
+        for (ray, (light, through)) in rays.iter_mut().zip(light) {
+            (ray.light, ray.light_through) = (*light, *through);
         }
         rays.retain(|ray| {
             let Alone { object, background } = alone(ray.number);
-            let mut left = ray.light.joint;
+            let light = if rules.through_object {
+                ray.light_through
+            } else {
+                ray.light
+            };
+            let mut left = light.joint;
             if object {
-                left = left.max(ray.light.object);
+                left = left.max(light.object);
             }
             if background {
-                left = left.max(ray.light.background);
+                left = left.max(light.background);
             }
             left > LEAST_TRANSMITTANCE && ray.next < ray.end
         });
@@ -139,6 +167,8 @@ fn rows<const COLUMNS: usize>(
 struct ActiveRay {
     number: usize,
     light: Light,
+    /// The same if the object took none; unchanged where that is not asked.
+    light_through: Light,
     /// The next interval, and the end of the ray's.
     next: u32,
     end: u32,
@@ -151,6 +181,7 @@ fn all_rays(marched: MarchedRays<'_>) -> Vec<ActiveRay> {
             ActiveRay {
                 number,
                 light: Light::ALL,
+                light_through: Light::ALL,
                 next: range.start,
                 end: range.end,
             }
@@ -163,6 +194,7 @@ fn all_rays(marched: MarchedRays<'_>) -> Vec<ActiveRay> {
 struct Round {
     packing: Packing,
     light: Vec<Light>,
+    light_through: Vec<Light>,
     /// Number of its first sample.
     object: usize,
     background: usize,
@@ -176,6 +208,7 @@ struct Reached<'a> {
     object: Geometry,
     background: Geometry,
     visibility: SampleVisibility,
+    through_object: bool,
     /// Of each interval that has a sample: its ray, its number among all marched, and its length.
     ray: Vec<u32>,
     interval: Vec<u32>,
@@ -183,7 +216,7 @@ struct Reached<'a> {
 }
 
 impl<'a> Reached<'a> {
-    fn new(marched: MarchedRays<'a>, columns: [usize; 2]) -> Self {
+    fn new(marched: MarchedRays<'a>, columns: [usize; 2], through_object: bool) -> Self {
         let blank = |columns| Geometry {
             values: Vec::new(),
             columns,
@@ -196,6 +229,7 @@ impl<'a> Reached<'a> {
             object,
             background,
             visibility: SampleVisibility::default(),
+            through_object,
             ray: Vec::with_capacity(room),
             interval: Vec::with_capacity(room),
             dt: Vec::with_capacity(room),
@@ -234,6 +268,7 @@ impl<'a> Reached<'a> {
                 numbers(&samples.background_intervals[background..]),
             ),
             light: rays.iter().map(|ray| ray.light).collect(),
+            light_through: rays.iter().map(|ray| ray.light_through).collect(),
             object,
             background,
         }
@@ -275,45 +310,10 @@ impl<'a> Reached<'a> {
                 object: select(&self.visibility.object, &object),
                 background: select(&self.visibility.background, &background),
             },
+            through_object: self.through_object,
         };
         (marched, look)
     }
-}
-
-/// Where each of `wanted`, some of `all` in their order, stands there.
-fn numbers(all: &[u32], wanted: &[u32]) -> Vec<u32> {
-    let mut number = 0;
-    wanted
-        .iter()
-        .map(|wanted| {
-            while all[number] != *wanted {
-                number += 1;
-            }
-            number as u32
-        })
-        .collect()
-}
-
-/// The order that brings samples, given by their rays in `of`, ray by ray: those of a ray stay in theirs.
-fn by_ray(of: &[u32], rays: usize) -> Vec<u32> {
-    let mut next = vec![0; rays + 1];
-    for ray in of {
-        next[*ray as usize + 1] += 1;
-    }
-    for ray in 0..rays {
-        next[ray + 1] += next[ray];
-    }
-    let mut order = vec![0; of.len()];
-    for (i, ray) in of.iter().enumerate() {
-        let place: &mut u32 = &mut next[*ray as usize];
-        order[*place as usize] = i as u32;
-        *place += 1;
-    }
-    order
-}
-
-fn select<T: Copy>(values: &[T], chosen: &[u32]) -> Vec<T> {
-    chosen.iter().map(|&i| values[i as usize]).collect()
 }
 
 #[cfg(test)]
@@ -375,7 +375,7 @@ mod tests {
             .collect();
         let rules = Rules {
             transparency: [Transparency::Sdf; 2],
-            matte: 1.0,
+            through_object: false,
             sharpness: [60.0, 90.0],
             compositing: CompositeConfig::default(),
             taped: [true, false],
@@ -428,6 +428,7 @@ mod tests {
             object,
             background,
             visibility,
+            through_object: false,
         };
         assert!(batch.object.len() < all.object.len());
         assert!(batch.background.len() < all.background.len());
@@ -459,5 +460,21 @@ mod tests {
         assert_eq!(sdf, expected_sdf);
         assert_eq!(found.object.taped.len(), found.object.len());
         assert!(found.background.taped.is_empty());
+
+        // Where light goes on through the object, more of it is looked at, and weighs what it weighed.
+        let rules = Rules {
+            through_object: true,
+            ..rules
+        };
+        let nobody = |_| Alone::default();
+        let (_, through) = super::look(&fields[0], &fields[1], marched, rules, nobody);
+        let [more, fewer] =
+            [&through, &everything].map(|look| look.object_reached(|_| false).len());
+        assert!(more > fewer + fewer / 5, "{more}, {fewer}");
+        let [with, without] = [&through, &everything].map(|look| {
+            let weights = look.visibility.object.iter().map(|seen| seen.weight);
+            weights.sum::<f32>()
+        });
+        assert!((with - without).abs() < 1e-3 * without, "{with}, {without}");
     }
 }

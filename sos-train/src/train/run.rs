@@ -5,12 +5,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use io_colmap::{MaskSet, Polarity};
-use neus_render::rays::Ray;
 use rayon::prelude::*;
 
 use super::Trainer;
-use super::sampler::Sampler;
-use crate::config::TrainConfig;
+use super::probes::Probes;
 use crate::device;
 use crate::discover::{Hint, find_object};
 use crate::doctor::admission::{Admission, admit};
@@ -21,7 +19,6 @@ use crate::prepare::error::PrepareError;
 use crate::prepare::view::{all_downscaled, load_ignored, load_views};
 use crate::prepare::{MaskConsensus, Prepared, TrainView, prepare, prepare_with};
 use crate::progress::{Progress, ProgressState};
-use crate::render::rays::FrozenScene;
 use crate::render::survey::Survey;
 use crate::render::view::render_view;
 use crate::render::{mesh, preview};
@@ -36,8 +33,6 @@ const RESTORE_LIMIT: u32 = 4;
 /// two need room. Of large ones a single one does: each takes some 100 bytes a pixel.
 const VIEWS_AT_ONCE: usize = 2;
 const LARGE_PIXELS: u64 = 4_000_000;
-/// Rays whose mattes are followed to see how much still changes.
-const PROBES: usize = 1024;
 
 /// Trains and exports; see [`TrainJob`].
 ///
@@ -66,6 +61,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     }
     let Some(MaskedViews {
         views,
+        are_found,
         consensus,
         notes: found,
     }) = masked_views(job, &progress)?
@@ -82,7 +78,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         progress.note(note);
     }
     let mut trainer = Trainer::new(&job.config, &data)?;
-    if job.run.found_masks_dir().is_dir() {
+    if are_found {
         trainer.take_masks_for_rough(data.views.len());
     }
     let remark = device::remark(&job.config.device);
@@ -135,6 +131,9 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
         return Ok(outcome);
     }
     let trained = started.elapsed().as_secs_f64() + earlier_seconds;
+    if let Some(note) = job.run.forget_verdicts()? {
+        progress.note(&note);
+    }
     let data = at_full_size(data, job)?;
     if !export(job, &trainer, &data, &progress, &mut log)? {
         // The last checkpoint has everything: a resumed run goes straight to the pictures.
@@ -156,6 +155,8 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
 /// Photos with the rough masks that a run begins with.
 struct MaskedViews {
     views: Vec<TrainView>,
+    /// Whether the run found the masks itself.
+    are_found: bool,
     /// What the masks say together, where it is known already.
     consensus: Option<MaskConsensus>,
     /// What a user should know, a sentence each.
@@ -165,11 +166,12 @@ struct MaskedViews {
 /// The photos with rough masks: those given, or where that is one at most, those that the search for
 /// the object came up with. `None` when it was interrupted.
 fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedViews>> {
-    let found = job.run.found_masks_dir();
-    if job.resume && found.is_dir() {
+    if job.resume && job.run.has_found_masks() {
+        let found = job.run.found_masks_dir();
         let masks = MaskSet::find(&found, &job.scene, Some(Polarity::WhiteIsObject))?;
         return Ok(Some(MaskedViews {
             views: downscaled(photos(job, Some(&masks))?, job)?,
+            are_found: true,
             consensus: None,
             notes: Vec::new(),
         }));
@@ -207,6 +209,7 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
         _ => {
             return Ok(Some(MaskedViews {
                 views,
+                are_found: false,
                 consensus,
                 notes: warnings,
             }));
@@ -245,6 +248,7 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
     }
     Ok(Some(MaskedViews {
         views,
+        are_found: true,
         consensus: None,
         notes: [warnings, discovery.notes].concat(),
     }))
@@ -397,7 +401,7 @@ fn train(
         }
         if step.is_multiple_of(config.export.checkpoint_every) || step == config.steps {
             trainer.save(&job.run, seconds)?;
-        } else if finish {
+        } else if finish && trainer.settle().is_finite() {
             trainer.save(&job.run, seconds)?;
             let text = format!(
                 "ended early, at step {step} of {}; --resume goes on from there",
@@ -460,38 +464,4 @@ fn export(
         ],
     )?;
     Ok(true)
-}
-
-/// Fixed rays on which the matte is followed.
-struct Probes {
-    rays: Vec<Ray>,
-    mattes: Vec<f32>,
-}
-
-impl Probes {
-    fn new(data: &Prepared, config: &TrainConfig) -> Self {
-        let sampler = Sampler::new(data, config.seed ^ 0x0070_0be5, 1.0);
-        Self {
-            rays: sampler.draw(data, 0, PROBES).rays,
-            mattes: Vec::new(),
-        }
-    }
-
-    /// Mean change of the mattes since the last call.
-    fn change(&mut self, trainer: &Trainer) -> f32 {
-        let scene: FrozenScene = trainer.freeze();
-        let mattes = scene.mattes(&self.rays);
-        let change = if self.mattes.len() == mattes.len() {
-            let sum: f32 = mattes
-                .iter()
-                .zip(&self.mattes)
-                .map(|(a, b)| (a - b).abs())
-                .sum();
-            sum / mattes.len().max(1) as f32
-        } else {
-            1.0
-        };
-        self.mattes = mattes;
-        change
-    }
 }

@@ -140,11 +140,20 @@ impl Sampler {
         if !self.with_object.is_empty() && random.random::<f32>() < self.object_share {
             let view = self.with_object[random.random_range(0..self.with_object.len())];
             let candidates = &scene.outlines[view].candidates;
+            if candidates.is_empty() {
+                // Its mask had next to nothing in it, and has lost that since.
+                return self.anywhere(scene, view, random);
+            }
             let pixel = candidates.nth(random.random_range(0..candidates.len()));
             let width = scene.views[view].width();
             return (view, pixel % width, pixel / width);
         }
         let view = random.random_range(0..scene.views.len());
+        self.anywhere(scene, view, random)
+    }
+
+    /// A pixel of a view, wherever the object is.
+    fn anywhere(&self, scene: &Prepared, view: usize, random: &mut impl Rng) -> (usize, u32, u32) {
         let photo = &scene.views[view].photo;
         if random.random::<f32>() < NEARBY_SHARE {
             let [x0, y0, x1, y1] = self.surroundings[view];

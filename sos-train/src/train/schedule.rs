@@ -98,6 +98,26 @@ pub fn carve_step(config: &TrainConfig) -> u32 {
     }
 }
 
+/// Has a run that goes on at `step` with other settings, or other steps in all, carve FoCoR out once: what was carved with the
+/// settings `before` stays so, and what was not is carved when the new ones say, or at the next step if that has passed.
+pub fn keep_carving(config: &mut TrainConfig, before: &TrainConfig, step: u32) {
+    let (earlier, stated) = (carve_step(before), carve_step(config));
+    let carve = if step > earlier {
+        earlier
+    } else if (step..config.steps).contains(&stated) {
+        stated
+    } else {
+        step
+    };
+    if carve != stated {
+        // In the middle of a step, so that it stays that step when rounded.
+        config.schedule.carve = match carve {
+            0 => 0.0,
+            _ => ((carve as f32 + 0.5) / config.steps as f32).min(1.0),
+        };
+    }
+}
+
 /// Full weight at first, then linearly down to the floor.
 fn mask_weight(loss: &LossConfig, progress: f32) -> f32 {
     let span = (loss.mask_end - loss.mask_hold).max(1e-6);
@@ -115,4 +135,47 @@ pub fn rate_factor(config: &TrainConfig, step: u32) -> f64 {
         final_ratio: config.schedule.final_ratio.into(),
     };
     rate.at(step.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Preset;
+
+    /// The step of the carving of a run of 8000 steps, 2400 before it, that goes on at `step` with `steps` in all.
+    fn carved_at(step: u32, steps: u32, carve: f32) -> u32 {
+        let mut before = TrainConfig::preset(Preset::Default);
+        before.steps = 8000;
+        before.schedule.carve = 0.3;
+        let mut config = before.clone();
+        config.steps = steps;
+        config.schedule.carve = carve;
+        keep_carving(&mut config, &before, step);
+        assert!((0.0..=1.0).contains(&config.schedule.carve));
+        carve_step(&config)
+    }
+
+    #[test]
+    fn a_run_that_goes_on_with_other_steps_carves_once() {
+        // Carved already: longer, shorter, with another share.
+        for (steps, carve) in [(12_000, 0.3), (2500, 0.3), (8000, 0.9), (8000, 0.0)] {
+            assert_eq!(carved_at(2401, steps, carve), 2400, "{steps}, {carve}");
+        }
+        // Not yet: when the new settings say, or at once.
+        assert_eq!(carved_at(2400, 8000, 0.3), 2400);
+        assert_eq!(carved_at(2000, 12_000, 0.3), 3600);
+        assert_eq!(carved_at(2000, 6000, 0.3), 2000);
+        assert_eq!(carved_at(2000, 6000, 0.0), 2000);
+        assert_eq!(carved_at(2000, 2000, 0.3), 2000);
+    }
+
+    #[test]
+    fn fields_that_learn_together_from_the_start_go_on_so() {
+        let before = TrainConfig::preset(Preset::Paper);
+        let mut config = before.clone();
+        config.steps = 50_000;
+        keep_carving(&mut config, &before, 40_000);
+        assert_eq!(carve_step(&config), 0);
+        assert_eq!(config.schedule, before.schedule);
+    }
 }

@@ -283,7 +283,11 @@ pub fn loss(
             vote.map_or(0.0, |vote| bare(vote, background))
         });
         let opacity = opacity.reshape([n_rays]).detach();
-        let part = (opacity - matte.clone())
+        // Of the surface, whoever draws the matte: an alpha head that holds back hides nothing.
+        let seen = (pixels.rendered.clone())
+            .slice([0..n_rays, column::MATTE..column::MATTE + 1])
+            .reshape([n_rays]);
+        let part = (opacity - seen)
             .clamp_min(0.0)
             .mul(list(visible.collect(), device))
             .mean();

@@ -39,6 +39,8 @@ pub struct Look {
     pub background: Geometry,
     /// Weights and transmittances.
     pub visibility: SampleVisibility,
+    /// Whether transmittances are those through BaCo alone, so that none of FoCoR's samples hides another.
+    pub through_object: bool,
 }
 
 /// Which fields are asked on a ray as far as their own light goes, whatever the other one has before them.
@@ -74,8 +76,8 @@ impl FrozenFields {
     /// Makes the samples of `marched` that light may reach and looks at their geometry: through both
     /// fields, or through one by itself on the rays where that is asked for `alone`.
     ///
-    /// The alpha head is not asked: samples count as if it said 1, unless it is a factor of the
-    /// opacity; then they all count as reached.
+    /// The alpha head is not asked: samples count as if it said 1. Where it is a factor of the opacity, all of FoCoR's that
+    /// BaCo does not hide count as reached.
     #[must_use]
     pub fn look(
         &self,
@@ -86,10 +88,7 @@ impl FrozenFields {
     ) -> (MarchedBatch, Look) {
         let rules = Rules {
             transparency: [config.model.object_transparency(), config.model.background],
-            matte: match config.model.alpha {
-                AlphaSource::Opacity | AlphaSource::Head => 1.0,
-                AlphaSource::Both => 0.0,
-            },
+            through_object: config.model.alpha == AlphaSource::Both,
             sharpness: self.sharpness,
             compositing: composite_config(config, cos_anneal),
             taped: self.taped,
@@ -103,7 +102,12 @@ impl Look {
     /// `alone` where that is asked for.
     #[must_use]
     pub fn object_reached(&self, alone: impl Fn(usize) -> bool) -> Vec<u32> {
-        reached(&self.visibility.object, alone)
+        let seen = &self.visibility.object;
+        if self.through_object {
+            let light = |i: usize| if alone(i) { 1.0 } else { seen[i].transmittance };
+            return lit(seen.len(), light);
+        }
+        reached(seen, alone)
     }
 
     /// The same of the background: through both fields, or through itself `alone` where that is
@@ -122,7 +126,12 @@ fn reached(seen: &[Visibility], alone: impl Fn(usize) -> bool) -> Vec<u32> {
             seen[i].transmittance
         }
     };
-    let numbers = (0..seen.len()).filter(|&i| light(i) > LEAST_TRANSMITTANCE);
+    lit(seen.len(), light)
+}
+
+/// The numbers of samples that enough light gets to.
+fn lit(samples: usize, light: impl Fn(usize) -> f32) -> Vec<u32> {
+    let numbers = (0..samples).filter(|&i| light(i) > LEAST_TRANSMITTANCE);
     numbers.map(|i| i as u32).collect()
 }
 
@@ -209,6 +218,7 @@ pub(super) mod tests {
                 columns: 1,
             },
             visibility,
+            through_object: false,
         };
         (marched, look)
     }

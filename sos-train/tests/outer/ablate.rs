@@ -55,7 +55,7 @@ fn rows_are_trained_once_and_scored_together() {
         "mask only",
         "mask + F",
         "soft visual hull",
-        "radiance field F + B",
+        "radiance field for FoCoR",
         "semantic field",
     ] {
         assert!(

@@ -99,6 +99,23 @@ fn photos_alone_are_captured_and_trained_on() {
     let text = says(&output);
     assert!(text.contains("no photo of that name"), "{text}");
     assert!(dir.join("lost/scene/sparse").is_dir(), "{text}");
+    // And masks that turn out to be of no use.
+    fs::create_dir(dir.join("wrong")).unwrap();
+    for photo in fs::read_dir(dir.join("photos")).unwrap().flatten() {
+        let stem = Path::new(&photo.file_name()).with_extension("png");
+        image::GrayImage::new(60, 8)
+            .save(dir.join("wrong").join(stem))
+            .unwrap();
+    }
+    let wrong = ["train", "photos", "--masks", "wrong", "--out", "kept"];
+    let output = sos(dir, &path, &wrong);
+    let text = says(&output);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(
+        text.contains("another shape") && text.contains("are kept in kept/scene"),
+        "{text}"
+    );
+    assert!(dir.join("kept/scene/sparse").is_dir());
 
     let settings = [
         "steps=4",

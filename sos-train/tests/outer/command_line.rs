@@ -386,6 +386,29 @@ fn what_would_go_unheard_is_refused() {
     assert!(text(&output.stderr).contains("capture phone"));
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn a_path_that_no_text_can_hold_is_refused_before_a_folder_is_made() {
+    use std::os::unix::ffi::OsStrExt as _;
+    let dir = tempfile::tempdir().unwrap();
+    let scene = dir.path().join(std::ffi::OsStr::from_bytes(b"caf\xe9"));
+    tiny_scene(&scene);
+    let output = Command::new(env!("CARGO_BIN_EXE_sos"))
+        .current_dir(dir.path())
+        .arg("train")
+        .arg(&scene)
+        .args(["--masks", "none", "--out", "run"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let says = text(&output.stderr);
+    assert!(
+        says.contains("Unicode") && says.contains("rename"),
+        "{says}"
+    );
+    assert!(!dir.path().join("run").exists());
+}
+
 #[test]
 fn quiet_is_quiet() {
     let dir = tempfile::tempdir().unwrap();

@@ -245,6 +245,8 @@ fn a_resumed_log_forgets_what_will_be_done_again() {
         for step in [10, 20, 30] {
             log.record(&record(step)).unwrap();
         }
+        // It has come to its end, but comes to another one when it goes on.
+        log.event(20, "end", []).unwrap();
     }
     // A crash in the middle of a line.
     let mut text = fs::read_to_string(run.log_path()).unwrap();

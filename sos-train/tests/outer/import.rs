@@ -206,6 +206,30 @@ fn training_imports_a_scene_and_keeps_it() {
     assert_eq!(output.status.code(), Some(0), "{}", says(&output));
     let output = sos(dir.path(), &["report", "moved"]);
     assert_eq!(output.status.code(), Some(0), "{}", says(&output));
+
+    // Another scene that turns out to be of no use costs neither its scene nor its results.
+    scene_with_transforms(&dir.path().join("wolf"));
+    fs::create_dir(dir.path().join("nobody")).unwrap();
+    fs::write(dir.path().join("moved/scene/earlier.txt"), "").unwrap();
+    let replace = ["train", "wolf", "--out", "moved", "--force"];
+    let ignore = ["--ignore", "nobody"];
+    refused(dir.path(), &[&replace[..], &ignore].concat(), &["nobody"]);
+    let run = dir.path().join("moved");
+    assert!(run.join("scene/earlier.txt").is_file());
+    assert!(run.join("report.html").is_file());
+    let mut begun = replace.to_vec();
+    begun.extend(["--masks", "wolf/coarse_masks", "--preset", "quick"]);
+    begun.extend(settings.iter().flat_map(|setting| ["--set", setting]));
+    let output = sos(dir.path(), &begun);
+    assert_eq!(output.status.code(), Some(0), "{}", says(&output));
+    assert!(!run.join("scene/earlier.txt").exists());
+    let left: Vec<_> = fs::read_dir(&run)
+        .unwrap()
+        .flatten()
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .filter(|name| name.contains("partial"))
+        .collect();
+    assert_eq!(left, [""; 0]);
 }
 
 #[test]
