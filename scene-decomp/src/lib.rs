@@ -1,8 +1,8 @@
-//! Two neural surfaces for one scene.
+//! Two neural fields for one scene.
 //!
 //! Surface-SOS explains posed photos with **FoCoR**, the object, and **BaCo**, the scene without it.
-//! Each is a signed distance field on a multi-resolution hash grid with a small MLP, and a colour
-//! network. This crate holds both as Burn modules, their geometric initialisation, the probability
+//! Each is a scalar field on a multi-resolution hash grid with a small MLP, and a colour
+//! network: a signed distance, or read as a density, as BaCo is by default in `sos`. This crate holds both as Burn modules, their geometric initialisation, the probability
 //! map m^P that tells BaCo where the object is, and the two fused ops on which training rests:
 //!
 //! | op | what |

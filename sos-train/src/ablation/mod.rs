@@ -99,7 +99,7 @@ pub const RIVALS: [Row; 3] = [
     },
     run(
         "density",
-        "radiance field F + B",
+        "radiance field for FoCoR",
         Start::Masks,
         &["model.foreground=density"],
     ),
