@@ -3,6 +3,7 @@
 use crate::error::ColmapError;
 use image::GrayImage;
 use serde::{Deserialize, Serialize};
+use std::io::ErrorKind;
 use std::path::Path;
 
 /// The colour that marks the object in mask files.
@@ -28,10 +29,18 @@ pub const POLARITY_FILE: &str = "polarity.txt";
 
 impl Polarity {
     /// What the [`POLARITY_FILE`] in a folder of masks says, if there is one.
+    ///
+    /// # Errors
+    /// [`ColmapError`] if it cannot be read, or says neither.
     pub(crate) fn stated_in(folder: &Path) -> Result<Option<Self>, ColmapError> {
         let path = folder.join(POLARITY_FILE);
-        let Ok(text) = std::fs::read_to_string(&path) else {
-            return Ok(None);
+        let text = match std::fs::read_to_string(&path) {
+            Ok(text) => text,
+            // The folder may be a file that lists masks.
+            Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+                return Ok(None);
+            }
+            Err(e) => return Err(ColmapError::io("read", &path, e)),
         };
         let all = [Self::WhiteIsObject, Self::BlackIsObject];
         match all.into_iter().find(|it| it.to_string() == text.trim()) {

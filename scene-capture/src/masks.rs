@@ -69,28 +69,18 @@ pub(crate) fn write(
     }
     notes.extend(files.notes);
     let masked = photos.photos.iter().zip(&files.paths);
-    let turned = masked.filter(|(photo, path)| {
+    let unclear = masked.filter(|(photo, path)| {
         path.is_some() && photo.orientation != Orientation::NoTransforms && !shape_tells(photo)
     });
-    let turned = turned.count();
-    if turned > 0 {
-        let (masks, verb) = match turned {
-            1 => (
-                "1 mask whose shape does not tell whether it is turned like its photo".to_owned(),
-                "is",
-            ),
-            n => (
-                format!(
-                    "{n} masks whose shapes do not tell whether they are turned like their photos"
-                ),
-                "are",
-            ),
+    let unclear = unclear.count();
+    if unclear > 0 {
+        let taken = match as_stored {
+            true => "turned like the photos, as others are of photos as they were stored",
+            false => "taken to be upright",
         };
-        notes.push(if as_stored {
-            format!("{masks} {verb} turned, as others turn out to be of photos as they were stored")
-        } else {
-            format!("{masks} {verb} taken to be upright")
-        });
+        notes.push(format!(
+            "masks whose shape does not tell whether they are turned: {unclear}, {taken}"
+        ));
     }
     Ok(notes)
 }
@@ -184,20 +174,22 @@ mod tests {
     use super::*;
     use image::{ImageBuffer, RgbImage, Rgba, RgbaImage};
 
-    #[test]
-    fn every_photo_gets_a_mask_that_colmap_understands() {
+    /// Folders of photos, 16 x 8, of masks and of what is written.
+    fn folders(names: &[&str]) -> (tempfile::TempDir, [PathBuf; 3]) {
         let dir = tempfile::tempdir().unwrap();
-        let (photos, masks, out) = (
-            dir.path().join("photos"),
-            dir.path().join("m"),
-            dir.path().join("out"),
-        );
-        for folder in [&photos, &masks, &out] {
+        let folders = ["photos", "m", "out"].map(|name| dir.path().join(name));
+        for folder in &folders {
             std::fs::create_dir(folder).unwrap();
         }
-        for name in ["a.jpg", "b.png", "c.png"] {
-            RgbImage::new(16, 8).save(photos.join(name)).unwrap();
+        for name in names {
+            RgbImage::new(16, 8).save(folders[0].join(name)).unwrap();
         }
+        (dir, folders)
+    }
+
+    #[test]
+    fn every_photo_gets_a_mask_that_colmap_understands() {
+        let (dir, [photos, masks, out]) = folders(&["a.jpg", "b.png", "c.png"]);
         // Labels 0 and 1, at half the size; black and white, of another name.
         let mut small = GrayImage::new(8, 4);
         small.put_pixel(0, 0, Luma([1]));
@@ -233,18 +225,7 @@ mod tests {
 
     #[test]
     fn masks_are_read_as_training_reads_them() {
-        let dir = tempfile::tempdir().unwrap();
-        let (photos, masks, out) = (
-            dir.path().join("photos"),
-            dir.path().join("m"),
-            dir.path().join("out"),
-        );
-        for folder in [&photos, &masks, &out] {
-            std::fs::create_dir(folder).unwrap();
-        }
-        for name in ["a.png", "b.png", "c.png"] {
-            RgbImage::new(16, 8).save(photos.join(name)).unwrap();
-        }
+        let (_dir, [photos, masks, out]) = folders(&["a.png", "b.png", "c.png"]);
         let inside = |x: u32| x < 4;
         // A cut-out of something dark before something bright; the labels 0 and 1 in 16 bits.
         let cut_out = RgbaImage::from_fn(16, 8, |x, _| match inside(x) {
@@ -266,18 +247,7 @@ mod tests {
 
     #[test]
     fn masks_that_lie_on_their_sides_tell_how_the_others_are_turned() {
-        let dir = tempfile::tempdir().unwrap();
-        let (photos, masks, out) = (
-            dir.path().join("photos"),
-            dir.path().join("m"),
-            dir.path().join("out"),
-        );
-        for folder in [&photos, &masks, &out] {
-            std::fs::create_dir(folder).unwrap();
-        }
-        for name in ["a.png", "b.png", "c.png"] {
-            RgbImage::new(16, 8).save(photos.join(name)).unwrap();
-        }
+        let (_dir, [photos, masks, out]) = folders(&["a.png", "b.png", "c.png"]);
         let left = GrayImage::from_fn(16, 8, |x, _| Luma([if x < 4 { 255 } else { 0 }]));
         left.save(masks.join("b.png")).unwrap();
         let mut set = PhotoSet::find(&photos).unwrap();
@@ -309,19 +279,12 @@ mod tests {
 
     #[test]
     fn masks_that_leave_nothing_are_refused() {
-        let dir = tempfile::tempdir().unwrap();
-        let (photos, masks) = (dir.path().join("photos"), dir.path().join("m"));
-        for folder in [&photos, &masks] {
-            std::fs::create_dir(folder).unwrap();
-        }
-        for name in ["a.png", "b.png", "c.png"] {
-            RgbImage::new(16, 8).save(photos.join(name)).unwrap();
-        }
+        let (_dir, [photos, masks, out]) = folders(&["a.png", "b.png", "c.png"]);
         for name in ["a.png", "b.png"] {
             GrayImage::new(16, 8).save(masks.join(name)).unwrap();
         }
         let set = PhotoSet::find(&photos).unwrap();
-        let said = write(&masks, &set, dir.path()).unwrap_err().to_string();
+        let said = write(&masks, &set, &out).unwrap_err().to_string();
         assert!(
             said.contains(
                 "m: the 2 masks found are all black, so they leave nothing to look at; check how"

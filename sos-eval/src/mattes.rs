@@ -33,8 +33,10 @@ impl<'a> Mattes<'a> {
                 Some(0) => {}
                 Some(1) => labels = true,
                 _ => {
-                    labels = false;
-                    break;
+                    return Ok(Self {
+                        folder,
+                        labels: false,
+                    });
                 }
             }
         }

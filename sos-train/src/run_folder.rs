@@ -135,7 +135,8 @@ impl RunFolder {
     /// The folder of a run that is there, to go on with it.
     ///
     /// # Errors
-    /// [`RunError::NoRun`] if there is none, [`RunError::Busy`] while another process makes it.
+    /// [`RunError::NoRun`] if there is none, [`RunError::Busy`] while another process makes it, [`RunError::Io`] if its scene
+    /// cannot be put back in its place.
     pub fn go_on(path: &Path) -> Result<Self, RunError> {
         let run = Self::open_existing(path)?.locked()?;
         // Of a program that was killed before the run that was to replace this one began.

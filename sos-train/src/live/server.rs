@@ -256,6 +256,8 @@ mod tests {
             assert!(!is_own_host(Some(host), 8420), "{host}");
             assert!(!is_own_origin(Some(&format!("http://{host}")), 8420));
         }
+        // What browsers leave out is 80.
+        assert!(is_own_host(Some("localhost"), 80) && !is_own_host(Some("localhost"), 8420));
         assert!(!is_own_host(None, 8420));
         for origin in [None, Some("null"), Some("https://127.0.0.1:8420")] {
             assert!(!is_own_origin(origin, 8420), "{origin:?}");

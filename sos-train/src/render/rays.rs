@@ -209,8 +209,8 @@ impl FrozenScene {
                     });
                     half.map_or(f32::INFINITY, |interval| packing.t()[interval])
                 };
-                let distances: Vec<f32> = packing.ray_offsets().windows(2).map(median).collect();
-                distances
+                let rays = packing.ray_offsets().windows(2);
+                rays.map(median).collect::<Vec<f32>>()
             })
             .flatten_iter()
             .collect()

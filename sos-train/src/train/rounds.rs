@@ -46,7 +46,12 @@ pub(super) fn look(
     alone: impl Fn(usize) -> Alone,
 ) -> (MarchedBatch, Look) {
     let columns = [object.columns(), background.columns()];
-    let mut reached = Reached::new(marched, columns, rules.through_object);
+    let mut reached = Reached::new(marched, columns);
+    let mut weighed = rules
+        .through_object
+        .then(|| vec![Light::ALL; marched.rays.len()]);
+    // What the object takes of the light that decides how far a ray is followed.
+    let matte = if rules.through_object { 0.0 } else { 1.0 };
     let tapes = rules.taped.map(|taped| taped.then(Tape::default));
     let mut rays = all_rays(marched);
     let mut most = FIRST_ROUND;
@@ -60,7 +65,7 @@ pub(super) fn look(
             &object_geometry,
             of_object,
             &reached.samples.object.directions[3 * round.object..],
-            |value| value[object_column::MATTE] = 1.0,
+            |value| value[object_column::MATTE] = matte,
         );
         let background_values = rows::<{ background_column::COUNT }>(
             &background_geometry,
@@ -79,43 +84,35 @@ pub(super) fn look(
             )
         };
         let mut seen = visibility(&object_values, &mut round.light);
-        if rules.through_object {
+        if let Some(weighed) = &mut weighed {
             let values = object_values.as_chunks_mut::<{ object_column::COUNT }>().0;
-            values
-                .iter_mut()
-                .for_each(|value| value[object_column::MATTE] = 0.0);
-            let reach = visibility(&object_values, &mut round.light_through);
-            let of_both = [
-                (&mut seen.object, reach.object),
-                (&mut seen.background, reach.background),
-            ];
-            for (seen, reach) in of_both {
-                for (seen, reach) in seen.iter_mut().zip(reach) {
-                    seen.transmittance = reach.transmittance;
-                }
+            let solid = |value: &mut [f32; object_column::COUNT]| value[object_column::MATTE] = 1.0;
+            values.iter_mut().for_each(solid);
+            let mut light: Vec<Light> = rays.iter().map(|ray| weighed[ray.number]).collect();
+            let reach = std::mem::replace(&mut seen, visibility(&object_values, &mut light));
+            for (ray, light) in rays.iter().zip(light) {
+                weighed[ray.number] = light;
+            }
+            let reach = reach.object.iter().chain(&reach.background);
+            for (seen, reach) in (seen.object.iter_mut().chain(&mut seen.background)).zip(reach) {
+                seen.transmittance = reach.transmittance;
             }
         }
         reached.object.values.extend(object_geometry.values);
         reached.background.values.extend(background_geometry.values);
         reached.visibility.object.extend(seen.object);
         reached.visibility.background.extend(seen.background);
-        let light = round.light.iter().zip(&round.light_through);
-        for (ray, (light, through)) in rays.iter_mut().zip(light) {
-            (ray.light, ray.light_through) = (*light, *through);
+        for (ray, light) in rays.iter_mut().zip(&round.light) {
+            ray.light = *light;
         }
         rays.retain(|ray| {
             let Alone { object, background } = alone(ray.number);
-            let light = if rules.through_object {
-                ray.light_through
-            } else {
-                ray.light
-            };
-            let mut left = light.joint;
+            let mut left = ray.light.joint;
             if object {
-                left = left.max(light.object);
+                left = left.max(ray.light.object);
             }
             if background {
-                left = left.max(light.background);
+                left = left.max(ray.light.background);
             }
             left > LEAST_TRANSMITTANCE && ray.next < ray.end
         });
@@ -124,7 +121,7 @@ pub(super) fn look(
     let [object, background] = tapes.map(|tape| tape.unwrap_or_default().finish());
     reached.samples.object.taped = object;
     reached.samples.background.taped = background;
-    reached.in_order()
+    reached.in_order(rules.through_object)
 }
 
 /// Asks a field about the samples from number `first` on, for the record where there is a tape.
@@ -167,8 +164,6 @@ fn rows<const COLUMNS: usize>(
 struct ActiveRay {
     number: usize,
     light: Light,
-    /// The same if the object took none; unchanged where that is not asked.
-    light_through: Light,
     /// The next interval, and the end of the ray's.
     next: u32,
     end: u32,
@@ -181,7 +176,6 @@ fn all_rays(marched: MarchedRays<'_>) -> Vec<ActiveRay> {
             ActiveRay {
                 number,
                 light: Light::ALL,
-                light_through: Light::ALL,
                 next: range.start,
                 end: range.end,
             }
@@ -194,7 +188,6 @@ fn all_rays(marched: MarchedRays<'_>) -> Vec<ActiveRay> {
 struct Round {
     packing: Packing,
     light: Vec<Light>,
-    light_through: Vec<Light>,
     /// Number of its first sample.
     object: usize,
     background: usize,
@@ -208,7 +201,6 @@ struct Reached<'a> {
     object: Geometry,
     background: Geometry,
     visibility: SampleVisibility,
-    through_object: bool,
     /// Of each interval that has a sample: its ray, its number among all marched, and its length.
     ray: Vec<u32>,
     interval: Vec<u32>,
@@ -216,7 +208,7 @@ struct Reached<'a> {
 }
 
 impl<'a> Reached<'a> {
-    fn new(marched: MarchedRays<'a>, columns: [usize; 2], through_object: bool) -> Self {
+    fn new(marched: MarchedRays<'a>, columns: [usize; 2]) -> Self {
         let blank = |columns| Geometry {
             values: Vec::new(),
             columns,
@@ -229,7 +221,6 @@ impl<'a> Reached<'a> {
             object,
             background,
             visibility: SampleVisibility::default(),
-            through_object,
             ray: Vec::with_capacity(room),
             interval: Vec::with_capacity(room),
             dt: Vec::with_capacity(room),
@@ -268,14 +259,13 @@ impl<'a> Reached<'a> {
                 numbers(&samples.background_intervals[background..]),
             ),
             light: rays.iter().map(|ray| ray.light).collect(),
-            light_through: rays.iter().map(|ray| ray.light_through).collect(),
             object,
             background,
         }
     }
 
     /// All of it, ray by ray and front to back.
-    fn in_order(self) -> (MarchedBatch, Look) {
+    fn in_order(self, through_object: bool) -> (MarchedBatch, Look) {
         let rays = self.marched.rays.len();
         let order = by_ray(&self.ray, rays);
         let object = by_ray(&self.samples.object.ray, rays);
@@ -310,7 +300,7 @@ impl<'a> Reached<'a> {
                 object: select(&self.visibility.object, &object),
                 background: select(&self.visibility.background, &background),
             },
-            through_object: self.through_object,
+            through_object,
         };
         (marched, look)
     }
