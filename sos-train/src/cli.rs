@@ -15,13 +15,15 @@ mod export;
 mod hull;
 mod import;
 mod input;
+mod kept_run;
 mod manual;
 mod render;
+mod results;
 mod train;
 
 pub use args::{
     AblateArgs, CaptureArgs, Command, CompareArgs, DegradeArgs, DoctorArgs, EvalArgs, ExportArgs,
-    HullArgs, ImportArgs, RenderArgs, ReportArgs, SettingArgs, Sos, TrainArgs,
+    HullArgs, ImportArgs, RenderArgs, ReportArgs, ResultsArgs, SettingArgs, Sos, TrainArgs,
 };
 
 use crate::devices::Devices;
@@ -76,6 +78,7 @@ fn execute(command: &Command) -> anyhow::Result<u8> {
         Command::Hull(args) => hull::write(args).map(|()| EXIT_OK),
         Command::Degrade(args) => degrade::write(args).map(|()| EXIT_OK),
         Command::Ablate(args) => ablate::ablate(args),
+        Command::Results(args) => results::results(args),
         Command::Report(args) => evaluate::report(args).map(|()| EXIT_OK),
         Command::Devices { json } => devices(*json).map(|()| EXIT_OK),
         Command::Completions { shell } => manual::completions(*shell).map(|()| EXIT_OK),

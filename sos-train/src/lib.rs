@@ -16,6 +16,7 @@
 //! | [`audit`] | what the results say about themselves without ground truth |
 //! | [`report`] | `report.html` |
 //! | [`ablation`] | the rows of the paper's table, and rivals, as configurations |
+//! | [`results`] | scenes with ground truth from several kinds of masks, in one table |
 //! | [`live`] | the page of a run in progress |
 //! | [`progress`], [`error`] | what a person sees meanwhile; whose fault an error is |
 //!
@@ -65,6 +66,7 @@ pub mod prepare;
 pub mod progress;
 pub mod render;
 pub mod report;
+pub mod results;
 pub mod run_folder;
 mod snap;
 pub mod train;

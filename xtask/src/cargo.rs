@@ -94,6 +94,7 @@ impl Workspace {
             Task::Eval => program("sos-train", "sos", &["eval"]),
             Task::Compare => program("sos-train", "sos", &["compare"]),
             Task::Ablate => program("sos-train", "sos", &["ablate"]),
+            Task::Results => program("sos-train", "sos", &["results"]),
             Task::Sos => program("sos-train", "sos", &[]),
             Task::Demo => program("demo-scene", "demo-scene", &[]),
             Task::Bench => program("sos-bench", "sos-bench", &[]),
@@ -111,6 +112,7 @@ impl Workspace {
                 | Task::Eval
                 | Task::Compare
                 | Task::Ablate
+                | Task::Results
                 | Task::Sos
         ) {
             // So that hints can be pasted: `cargo xtask train --resume`.

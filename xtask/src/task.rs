@@ -15,13 +15,13 @@ usage: cargo xtask TASK [ARGUMENTS]
   eval RUN        score a run against ground truth (sos eval)
   compare ...     score runs and other systems' masks side by side (sos compare)
   ablate SCENE    train and score the paper's ablation, with --rivals others too (sos ablate)
+  results SCENE.. train and score scenes from several kinds of masks (sos results)
   sos ...         any other command of the sos program
   demo OUT        write the demo scene with its exact ground truth (demo-scene)
   test            run all tests; with --device wgpu just the GPU kernels', none skipped
   bench           speed of training against this machine's peaks and PyTorch (sos-bench)
   check           formatting, lints, documentation; licences and spelling where installed
   ci              check, then test: what a change must pass
-  help            this text
 
 examples:
   cargo xtask train                                   the demo scene, into runs/demo
@@ -39,6 +39,7 @@ pub(crate) enum Task {
     Eval,
     Compare,
     Ablate,
+    Results,
     Sos,
     Demo,
     Test,
@@ -47,7 +48,7 @@ pub(crate) enum Task {
     Ci,
 }
 
-const TASKS: [(&str, Task); 13] = [
+const TASKS: [(&str, Task); 14] = [
     ("train", Task::Train),
     ("doctor", Task::Doctor),
     ("import", Task::Import),
@@ -55,6 +56,7 @@ const TASKS: [(&str, Task); 13] = [
     ("eval", Task::Eval),
     ("compare", Task::Compare),
     ("ablate", Task::Ablate),
+    ("results", Task::Results),
     ("sos", Task::Sos),
     ("demo", Task::Demo),
     ("test", Task::Test),

@@ -3,14 +3,13 @@
 use super::answer::Voice;
 use super::hull::{write_hull, write_masks};
 use super::input::{Plan, mask_source};
-use super::train::{train_run, whole_seconds};
+use super::kept_run::{self, State, words_of};
+use super::train::whole_seconds;
 use super::{AblateArgs, SettingArgs, TrainArgs, complain, program};
 use crate::ablation::{Ablation, DECISIONS, Kind, RIVALS, Row, Scored, Start, TABLE, Trial};
-use crate::config::RunRecord;
 use crate::error::{EXIT_OK, InputError, sentence};
 use crate::report::comparison_page;
 use crate::run_folder::{RunError, RunFolder, write_whole};
-use anyhow::Context as _;
 use io_colmap::{MaskSet, Scene};
 use scene_export::quoted;
 use scene_import::MaskSource;
@@ -87,17 +86,6 @@ struct Place {
     masks: PathBuf,
     gt: PathBuf,
     out: PathBuf,
-}
-
-/// How far a row has come.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
-    Nothing,
-    /// A run without anything to go on from.
-    Begun,
-    /// A run with a checkpoint.
-    Saved,
-    Finished,
 }
 
 impl Place {
@@ -193,13 +181,7 @@ impl Place {
             // Renamed when complete.
             Kind::Masks | Kind::Hull if dir.join("alpha").is_dir() => State::Finished,
             Kind::Masks | Kind::Hull => State::Nothing,
-            Kind::Run { .. } => match RunFolder::open_existing(&dir) {
-                Err(_) => State::Nothing,
-                // The last thing that a run writes.
-                Ok(run) if run.report_path().is_file() => State::Finished,
-                Ok(run) if run.has_checkpoint() => State::Saved,
-                Ok(_) => State::Begun,
-            },
+            Kind::Run { .. } => State::of(&dir),
         }
     }
 
@@ -233,58 +215,8 @@ impl Place {
     /// Whether what is there of a row was made with the settings of this table, and whether these make
     /// sense at all.
     fn check(&self, args: &AblateArgs, trial: &Trial) -> anyhow::Result<()> {
-        let Some(command) = self.command(args, trial) else {
-            return Ok(());
-        };
-        let mut wanted = Plan::new(&command)?.config;
-        if self.state(trial) == State::Nothing {
-            return Ok(());
-        }
-        let dir = self.out.join(trial.folder());
-        let path = dir.join("config.toml");
-        let text = fs::read_to_string(&path).map_err(|source| RunError::Io {
-            action: "read",
-            path: path.clone(),
-            source,
-        })?;
-        let record = RunRecord::from_toml(&text).with_context(|| path.display().to_string())?;
-        let full = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
-        let given = matches!(
-            trial.row.kind,
-            Kind::Run {
-                start: Start::Masks,
-                ..
-            }
-        );
-        let masks = given.then(|| full(&self.masks));
-        if let Some(input) = &record.input
-            && (&input.scene, &input.masks) != (&full(&args.scene), &masks)
-        {
-            let masks = match &input.masks {
-                Some(masks) => format!(" with the masks in {}", masks.display()),
-                None => " without masks".to_owned(),
-            };
-            return Err(InputError::new(
-                &dir,
-                format!("it is a run of {}{masks}", input.scene.display()),
-                "choose another --out",
-            )
-            .into());
-        }
-        if wanted.steps == 0 {
-            // Left open: the run's record has what suited its scene.
-            wanted.steps = record.config.steps;
-        }
-        if let Some(other) = record.config.difference(&wanted)? {
-            let [there, here] = other.values;
-            return Err(InputError::new(
-                &dir,
-                format!("it was made with {} = {there}, not {here}", other.key),
-                "choose another --out, or remove it to train it again",
-            )
-            .into());
-        }
-        Ok(())
+        self.command(args, trial)
+            .map_or(Ok(()), |command| kept_run::check(&command))
     }
 
     /// Makes what is missing of a row; gives the exit code.
@@ -314,17 +246,10 @@ impl Place {
             Kind::Masks => write_masks(&args.scene, &self.masks, args.polarity, &alpha)?,
             Kind::Hull => write_hull(&args.scene, &self.masks, args.polarity, &alpha)?,
             Kind::Run { .. } => {
-                let Some(command) = self.command(args, trial) else {
-                    return Ok(EXIT_OK);
-                };
-                let (code, _) = train_run(&TrainArgs {
-                    resume: state == State::Saved,
-                    // A preset and a run to go on with exclude each other.
-                    preset: command.preset.filter(|_| state != State::Saved),
-                    force: state == State::Begun,
-                    ..command
-                })?;
-                return Ok(code);
+                let dir = self.out.join(trial.folder());
+                return self
+                    .command(args, trial)
+                    .map_or(Ok(EXIT_OK), |command| kept_run::complete(command, &dir));
             }
         };
         Ok(EXIT_OK)
@@ -357,7 +282,7 @@ impl Place {
             compared,
         });
         let scene = args.scene.display().to_string();
-        let ablation = Ablation::new(scene, settings_of(args), rows.collect());
+        let ablation = Ablation::new(scene, words_of(args.preset, &args.settings), rows.collect());
         // A table is the answer, however quiet all else is.
         Voice::of(args.json, false).answer(&ablation, &ablation.table())?;
         let [markdown, json, html] = TABLE_FILES.map(|name| self.out.join(name));
@@ -375,21 +300,4 @@ impl Place {
         }
         Ok(())
     }
-}
-
-/// The settings of all rows in the words of the command line; empty for the defaults.
-fn settings_of(args: &AblateArgs) -> String {
-    let mut words = Vec::new();
-    let mut say = |option: &str, value: Option<String>| {
-        words.extend(value.map(|value| format!("--{option} {value}")));
-    };
-    say("preset", args.preset.map(|preset| preset.to_string()));
-    let settings = &args.settings;
-    say("steps", settings.steps.map(|n| n.to_string()));
-    say("downscale", settings.downscale.map(|n| n.to_string()));
-    say("seed", settings.seed.map(|n| n.to_string()));
-    for setting in &settings.set {
-        say("set", Some(setting.clone()));
-    }
-    words.join(" ")
 }

@@ -2,7 +2,7 @@
 
 mod scoring;
 
-pub use scoring::{AblateArgs, CompareArgs, DegradeArgs, EvalArgs, HullArgs};
+pub use scoring::{AblateArgs, CompareArgs, DegradeArgs, EvalArgs, HullArgs, ResultsArgs};
 
 use crate::config::{MaskPolarity, Preset};
 use crate::discover::hint::{Click, WorldBox};
@@ -19,7 +19,7 @@ Commands:
 {subcommands}{after-help}";
 
 const EXAMPLES: &str = "\
-Each explains itself with --help; --version tells the version. For shells: completions, man. For tests: degrade.
+Each explains itself with --help; --version tells the version. For shells: completions, man. For tests: degrade, hull.
 Examples:
   sos train                                  the built-in demo, into runs/demo
   sos train photos/cat --masks photos/masks  photos with a COLMAP model and rough masks
@@ -66,12 +66,15 @@ pub enum Command {
     /// Score several runs, or folders of any system's masks, against the same truth.
     Compare(CompareArgs),
     /// Write the classical answer: the masks' soft visual hull, seen from every view.
+    #[command(hide = true)]
     Hull(HullArgs),
     /// Write masks with the faults of rough segmenters, made from true ones, to start a test from.
     #[command(hide = true)]
     Degrade(DegradeArgs),
     /// Train and score the rows of the paper's ablation, and rivals, on one scene.
     Ablate(Box<AblateArgs>),
+    /// Train and score scenes with ground truth from several kinds of masks, and without any.
+    Results(Box<ResultsArgs>),
     /// Make a run's report.html again.
     Report(ReportArgs),
     /// List what this build can compute on.
@@ -353,6 +356,24 @@ pub struct RenderArgs {
     /// Print one JSON object instead of a sentence.
     #[arg(long)]
     pub json: bool,
+}
+
+impl RenderArgs {
+    /// Of `run`, as if nothing else were said; cameras are to be chosen yet.
+    pub(super) fn of(run: PathBuf) -> Self {
+        Self {
+            run,
+            turntable: None,
+            path: None,
+            views: None,
+            size: 480,
+            fps: 24,
+            out: None,
+            force: false,
+            quiet: false,
+            json: false,
+        }
+    }
 }
 
 /// `sos report`.

@@ -20,4 +20,5 @@ mod json;
 mod live;
 mod manual;
 mod report;
+mod results;
 mod run_folder;

@@ -3,6 +3,7 @@
 use super::SettingArgs;
 use crate::ablation::Row;
 use crate::config::{MaskPolarity, Preset};
+use crate::results::Start;
 use crate::words::did_you_mean;
 use clap::Args;
 use sos_eval::Fault;
@@ -146,5 +147,47 @@ fn row(name: &str) -> Result<Row, String> {
         let names = Row::names();
         let near = did_you_mean(name, names.iter().copied());
         format!("the rows are {}{near}", names.join(", "))
+    })
+}
+
+/// `sos results`.
+#[derive(Debug, Clone, Args)]
+pub struct ResultsArgs {
+    /// Folders with photos, their COLMAP model and ground truth (alpha_gt/) [default: the built-in demo scene].
+    #[arg(value_name = "SCENE")]
+    pub scenes: Vec<PathBuf>,
+    /// What runs begin with: own for SCENE/masks or SCENE/coarse_masks, none, or true masks with a fault of
+    /// sos degrade; may be repeated [default: all].
+    #[arg(long, value_name = "START", value_parser = start)]
+    pub start: Vec<Start>,
+    /// Runs of each, with seeds one after another; the table has their mean and spread [default: 1].
+    #[arg(long, value_name = "N", default_value_t = 1, hide_default_value = true, value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub seeds: u32,
+    /// Folder for masks, runs and the table [default: runs/results].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Settings of all runs: quick, default or paper [default: default].
+    #[arg(long, value_enum, value_name = "NAME", hide_possible_values = true)]
+    pub preset: Option<Preset>,
+    /// Over the preset.
+    #[command(flatten)]
+    pub settings: SettingArgs,
+    /// Train even where a check of a scene fails (sos doctor shows them).
+    #[arg(long)]
+    pub skip_checks: bool,
+    /// Print nothing but the table, errors and warnings.
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Print one JSON object instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What a run begins with, by its name.
+fn start(name: &str) -> Result<Start, String> {
+    Start::named(name).ok_or_else(|| {
+        let names: Vec<String> = Start::every().map(Start::name).collect();
+        let near = did_you_mean(name, names.iter().map(String::as_str));
+        format!("the starts are {}{near}", names.join(", "))
     })
 }

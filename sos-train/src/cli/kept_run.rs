@@ -1,0 +1,119 @@
+//! Runs that a table is made of: one that is there is kept, one that was stopped goes on.
+
+use super::input::{NO_MASKS, Plan};
+use super::train::train_run;
+use super::{SettingArgs, TrainArgs};
+use crate::config::{Preset, RunRecord};
+use crate::error::InputError;
+use crate::run_folder::{RunError, RunFolder};
+use anyhow::Context as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// How far a run has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum State {
+    Nothing,
+    /// A run without anything to go on from.
+    Begun,
+    /// A run with a checkpoint.
+    Saved,
+    Finished,
+}
+
+impl State {
+    /// Of the run in `dir`.
+    pub(super) fn of(dir: &Path) -> Self {
+        match RunFolder::open_existing(dir) {
+            Err(_) => Self::Nothing,
+            // The last thing that a run writes.
+            Ok(run) if run.report_path().is_file() => Self::Finished,
+            Ok(run) if run.has_checkpoint() => Self::Saved,
+            Ok(_) => Self::Begun,
+        }
+    }
+}
+
+/// Whether `command`, which names its scene, masks and folder, makes sense, and whether what is in its
+/// folder was made by it.
+pub(super) fn check(command: &TrainArgs) -> anyhow::Result<()> {
+    let mut wanted = Plan::new(command)?.config;
+    let (Some(scene), Some(dir)) = (&command.scene, &command.out) else {
+        return Ok(());
+    };
+    if State::of(dir) == State::Nothing {
+        return Ok(());
+    }
+    let path = dir.join("config.toml");
+    let text = fs::read_to_string(&path).map_err(|source| RunError::Io {
+        action: "read",
+        path: path.clone(),
+        source,
+    })?;
+    let record = RunRecord::from_toml(&text).with_context(|| path.display().to_string())?;
+    let given = command.masks.as_deref();
+    let masks = given
+        .filter(|masks| masks.as_os_str() != NO_MASKS)
+        .map(full);
+    if let Some(input) = &record.input
+        && (&input.scene, &input.masks) != (&full(scene), &masks)
+    {
+        let masks = match &input.masks {
+            Some(masks) => format!(" with the masks in {}", masks.display()),
+            None => " without masks".to_owned(),
+        };
+        return Err(InputError::new(
+            dir,
+            format!("it is a run of {}{masks}", input.scene.display()),
+            "choose another --out",
+        )
+        .into());
+    }
+    if wanted.steps == 0 {
+        // Left open: the run's record has what suited its scene.
+        wanted.steps = record.config.steps;
+    }
+    if let Some(other) = record.config.difference(&wanted)? {
+        let [there, here] = other.values;
+        return Err(InputError::new(
+            dir,
+            format!("it was made with {} = {there}, not {here}", other.key),
+            "choose another --out, or remove it to train it again",
+        )
+        .into());
+    }
+    Ok(())
+}
+
+/// Trains what is missing of the run in `dir`; gives the exit code.
+pub(super) fn complete(command: TrainArgs, dir: &Path) -> anyhow::Result<u8> {
+    let state = State::of(dir);
+    let (code, _) = train_run(&TrainArgs {
+        resume: state == State::Saved,
+        // A preset and a run to go on with exclude each other.
+        preset: command.preset.filter(|_| state != State::Saved),
+        force: state == State::Begun,
+        ..command
+    })?;
+    Ok(code)
+}
+
+/// What all runs of a table are given, in the words of the command line; empty for the defaults.
+pub(super) fn words_of(preset: Option<Preset>, settings: &SettingArgs) -> String {
+    let mut words = Vec::new();
+    let mut say = |option: &str, value: Option<String>| {
+        words.extend(value.map(|value| format!("--{option} {value}")));
+    };
+    say("preset", preset.map(|preset| preset.to_string()));
+    say("steps", settings.steps.map(|n| n.to_string()));
+    say("downscale", settings.downscale.map(|n| n.to_string()));
+    say("seed", settings.seed.map(|n| n.to_string()));
+    for setting in &settings.set {
+        say("set", Some(setting.clone()));
+    }
+    words.join(" ")
+}
+
+fn full(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())
+}

@@ -1,0 +1,336 @@
+//! `sos results`: scenes with ground truth, each from several kinds of masks, in one table.
+
+use super::answer::Voice;
+use super::hull::write_hull;
+use super::input::{NO_MASKS, Plan, generate_demo};
+use super::kept_run::{self, State, words_of};
+use super::train::whole_seconds;
+use super::{RenderArgs, ResultsArgs, SettingArgs, TrainArgs, complain, render};
+use crate::error::{EXIT_OK, InputError, sentence};
+use crate::results::{Results, Row, Run, Start};
+use crate::run_folder::{RunFolder, write_whole};
+use io_colmap::Scene;
+use scene_export::quoted;
+use sos_eval::{AlphaScore, EvalError, Fault, compare_folders, degrade_folder, run_eval};
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Size of a fault, and the seed of what is left to chance in it: as `sos degrade` has them.
+const FAULT: (f64, u64) = (0.2, 1);
+
+/// Names of the table's files.
+const TABLE_FILES: [&str; 2] = ["results.md", "results.json"];
+
+/// Trains what is not there yet, scores everything, writes the table.
+pub(super) fn results(args: &ResultsArgs) -> anyhow::Result<u8> {
+    let out = args
+        .out
+        .clone()
+        .unwrap_or_else(|| Path::new("runs").join("results"));
+    let places = Place::all(args, &out)?;
+    let cases = Case::all(args, &places, &out)?;
+    let seeds = seeds(args)?;
+    // All that is there must belong to this table, before hours are spent on what is not.
+    for case in &cases {
+        for &seed in &seeds {
+            kept_run::check(&case.command(args, seed))?;
+        }
+    }
+    if !args.quiet {
+        let wanted = cases
+            .iter()
+            .flat_map(|case| seeds.iter().map(|&seed| case.run(seed)));
+        let (there, missing): (Vec<_>, Vec<_>) =
+            wanted.partition(|run| State::of(run) == State::Finished);
+        let _ = writeln!(
+            std::io::stderr(),
+            "{} runs are to be made, {} are there",
+            missing.len(),
+            there.len()
+        );
+    }
+    let mut failed = None;
+    for case in &cases {
+        for &seed in &seeds {
+            let code = match case.make(args, seed) {
+                Ok(code) => code,
+                // The others are worth having all the same.
+                Err(error) => {
+                    let error = error.context(format!("{} failed", case.title(seed)));
+                    complain(&sentence(&error));
+                    failed = Some(error);
+                    continue;
+                }
+            };
+            if code != EXIT_OK {
+                let _ = writeln!(
+                    std::io::stderr(),
+                    "the table is not complete; the same command goes on with {}",
+                    quoted(&case.run(seed))
+                );
+                return Ok(code);
+            }
+        }
+    }
+    let rows = cases.iter().map(|case| case.row(&seeds));
+    let rows = rows.collect::<Result<Vec<_>, _>>()?;
+    let results = Results::new(
+        words_of(args.preset, &args.settings),
+        rows.into_iter()
+            .filter(|row| !row.runs.is_empty())
+            .collect(),
+    );
+    Voice::of(args.json, false).answer(&results, &results.table())?;
+    let [markdown, json] = TABLE_FILES.map(|name| out.join(name));
+    write_whole(&markdown, results.markdown().as_bytes())?;
+    write_whole(&json, serde_json::to_string_pretty(&results)?.as_bytes())?;
+    if !args.quiet {
+        let _ = writeln!(std::io::stderr(), "the table is in {}", markdown.display());
+    }
+    failed.map_or(Ok(EXIT_OK), Err)
+}
+
+/// The settings' seed and those after it.
+fn seeds(args: &ResultsArgs) -> anyhow::Result<Vec<u64>> {
+    let plain = TrainArgs {
+        preset: args.preset,
+        settings: args.settings.clone(),
+        ..TrainArgs::default()
+    };
+    let first = Plan::new(&plain)?.config.seed;
+    Ok((0..u64::from(args.seeds))
+        .map(|i| first.wrapping_add(i))
+        .collect())
+}
+
+/// A scene with truth.
+struct Place {
+    name: String,
+    scene: PathBuf,
+    /// Where its photos are.
+    photos: PathBuf,
+    /// The rough masks that came with it.
+    own: Option<PathBuf>,
+}
+
+impl Place {
+    /// The scenes that were named, or the demo.
+    fn all(args: &ResultsArgs, out: &Path) -> anyhow::Result<Vec<Self>> {
+        let mut scenes = args.scenes.clone();
+        if scenes.is_empty() {
+            let demo = out.join("demo").join("scene");
+            // Renamed when complete.
+            if !demo.is_dir() {
+                generate_demo(&demo)?;
+            }
+            return Ok(vec![Self::find(&demo, "demo".to_owned())?]);
+        }
+        let mut places: Vec<Self> = Vec::new();
+        for scene in scenes.drain(..) {
+            let full = fs::canonicalize(&scene).unwrap_or_else(|_| scene.clone());
+            let name = full.file_name().unwrap_or("scene".as_ref());
+            let name = name.to_string_lossy().into_owned();
+            if places.iter().any(|other| other.name == name) {
+                let wrong = format!("two of the scenes are called {name}");
+                return Err(InputError::new(&scene, wrong, "rename one of them").into());
+            }
+            places.push(Self::find(&scene, name)?);
+        }
+        Ok(places)
+    }
+
+    fn find(scene: &Path, name: String) -> anyhow::Result<Self> {
+        let photos = Scene::open(scene)?.image_dir;
+        if !scene.join("alpha_gt").is_dir() {
+            let wrong = "there is no alpha_gt/ to score against";
+            let remedy = "put the true mattes there, a picture per photo";
+            return Err(InputError::new(scene, wrong, remedy).into());
+        }
+        let own = ["masks", "coarse_masks"].map(|name| scene.join(name));
+        Ok(Self {
+            name,
+            photos,
+            own: own.into_iter().find(|dir| dir.is_dir()),
+            scene: scene.to_path_buf(),
+        })
+    }
+}
+
+/// A scene with what its runs begin with.
+struct Case<'a> {
+    place: &'a Place,
+    start: Start,
+    /// Where all of it goes.
+    dir: PathBuf,
+    masks: Option<PathBuf>,
+}
+
+impl<'a> Case<'a> {
+    /// Every scene with every start that was asked for, and that it has.
+    fn all(args: &ResultsArgs, places: &'a [Place], out: &Path) -> Result<Vec<Self>, InputError> {
+        let starts: Vec<Start> = if args.start.is_empty() {
+            Start::every().collect()
+        } else {
+            args.start.clone()
+        };
+        let mut cases = Vec::new();
+        for place in places {
+            for &start in &starts {
+                let dir = out.join(&place.name).join(start.name());
+                let masks = match start {
+                    Start::Nothing => None,
+                    Start::Fault(_) => Some(dir.join("masks")),
+                    Start::Own if place.own.is_some() => place.own.clone(),
+                    // Of a whole table that row is left out.
+                    Start::Own if args.start.is_empty() => continue,
+                    Start::Own => {
+                        let wrong = "the scene has no masks of its own";
+                        let remedy = "put them into its folder masks/, or leave out --start own";
+                        return Err(InputError::new(&place.scene, wrong, remedy));
+                    }
+                };
+                cases.push(Self {
+                    place,
+                    start,
+                    dir,
+                    masks,
+                });
+            }
+        }
+        Ok(cases)
+    }
+
+    fn title(&self, seed: u64) -> String {
+        format!("{}, {}, seed {seed}", self.place.name, self.start.title())
+    }
+
+    /// The run's folder.
+    fn run(&self, seed: u64) -> PathBuf {
+        self.dir.join(format!("seed{seed}"))
+    }
+
+    fn hull(&self) -> PathBuf {
+        self.dir.join("hull")
+    }
+
+    /// What `sos train` would be asked for a run.
+    fn command(&self, args: &ResultsArgs, seed: u64) -> TrainArgs {
+        TrainArgs {
+            scene: Some(self.place.scene.clone()),
+            masks: Some(self.masks.clone().unwrap_or_else(|| NO_MASKS.into())),
+            out: Some(self.run(seed)),
+            preset: args.preset,
+            settings: SettingArgs {
+                seed: Some(seed),
+                ..args.settings.clone()
+            },
+            skip_checks: args.skip_checks,
+            quiet: args.quiet,
+            ..TrainArgs::default()
+        }
+    }
+
+    /// Makes masks, hull, run and held-out views that are missing; gives the exit code.
+    fn make(&self, args: &ResultsArgs, seed: u64) -> anyhow::Result<u8> {
+        let say = |what: &str| {
+            if !args.quiet {
+                let _ = writeln!(std::io::stderr(), "== {}: {what}", self.title(seed));
+            }
+        };
+        let Place { scene, photos, .. } = self.place;
+        if let Some(masks) = &self.masks {
+            // Both appear when they are complete.
+            if let Start::Fault(fault) = self.start
+                && !masks.is_dir()
+            {
+                self.degrade(fault, photos, masks)?;
+            }
+            if !self.hull().is_dir() {
+                write_hull(scene, masks, None, &self.hull())?;
+            }
+        }
+        let run = self.run(seed);
+        if State::of(&run) == State::Finished {
+            say("is there");
+        } else {
+            say("training");
+            let code = kept_run::complete(self.command(args, seed), &run)?;
+            if code != EXIT_OK {
+                return Ok(code);
+            }
+        }
+        let views = scene.join("heldout");
+        if heldout_truth(scene).is_dir() && !heldout(&run).is_dir() {
+            return render::render(&RenderArgs {
+                views: Some(views),
+                out: Some(heldout(&run)),
+                quiet: true,
+                ..RenderArgs::of(run)
+            });
+        }
+        Ok(EXIT_OK)
+    }
+
+    fn degrade(&self, fault: Fault, photos: &Path, masks: &Path) -> anyhow::Result<()> {
+        let truth = self.place.scene.join("alpha_gt");
+        let (share, seed) = FAULT;
+        let made = degrade_folder(&truth, photos, fault, share, seed, masks)?;
+        for note in made.notes {
+            let _ = writeln!(std::io::stderr(), "{note}");
+        }
+        Ok(())
+    }
+
+    /// Scores what is there.
+    fn row(&self, seeds: &[u64]) -> anyhow::Result<Row> {
+        let truth = self.place.scene.join("alpha_gt");
+        let score = |dir: &Path| mean_score(dir, &truth);
+        let runs = seeds.iter().map(|&seed| (seed, self.run(seed)));
+        let finished = runs.filter(|(_, run)| State::of(run) == State::Finished);
+        let scored = finished.map(|(seed, dir)| {
+            let found = dir.join("found_masks");
+            let seen = heldout(&dir).join("object");
+            anyhow::Ok(Run {
+                seed,
+                seconds: RunFolder::open_existing(&dir)
+                    .ok()
+                    .and_then(|run| whole_seconds(&run)),
+                found: if self.masks.is_none() {
+                    score(&found)?
+                } else {
+                    None
+                },
+                report: run_eval(&dir, &self.place.scene, None)?,
+                heldout: mean_score(&seen, &heldout_truth(&self.place.scene))?,
+                folder: dir.display().to_string(),
+            })
+        });
+        Ok(Row {
+            scene: self.place.name.clone(),
+            start: self.start.name(),
+            title: self.start.title(),
+            runs: scored.collect::<Result<_, _>>()?,
+            masks: self.masks.as_deref().map_or(Ok(None), score)?,
+            hull: score(&self.hull())?,
+        })
+    }
+}
+
+/// True mattes of views that no run is given.
+fn heldout_truth(scene: &Path) -> PathBuf {
+    scene.join("heldout").join("alpha_gt")
+}
+
+/// What a run makes of those views.
+fn heldout(run: &Path) -> PathBuf {
+    run.join("render").join("heldout")
+}
+
+/// Scores of a folder of mattes; none where there is no such folder.
+fn mean_score(dir: &Path, truth: &Path) -> Result<Option<AlphaScore>, EvalError> {
+    if !dir.is_dir() {
+        return Ok(None);
+    }
+    Ok(Some(compare_folders(dir, truth, None)?.mean))
+}
