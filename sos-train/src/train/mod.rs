@@ -330,7 +330,8 @@ impl Trainer {
                     .add(*view as usize, *tile, *matte, vote.object);
             }
         }
-        if self.step.is_multiple_of(VOTES_EVERY) {
+        // Not of what a few steps have seen.
+        if self.step.is_multiple_of(VOTES_EVERY) && self.step >= settled + VOTES_EVERY {
             self.look_at_outlines(data);
             self.agreement.update(&self.mask_contrasts);
         }
