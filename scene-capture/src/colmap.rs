@@ -16,7 +16,9 @@ use command_lines::{Options, feature_arguments, mapper_arguments, matcher_argume
 const GET: &str = "install COLMAP: apt install colmap (Debian, Ubuntu), brew install colmap \
     (macOS), conda install -c conda-forge colmap, pip install pycolmap, or the zip of its GitHub \
     releases (Windows), with the folder of colmap on the PATH";
-/// Answers in COLMAP's stead where only its Python module is there.
+/// The first release of the Python module, by its major version, that does what is asked of it.
+const OLDEST_MODULE: u32 = 4;
+/// Answers in COLMAP's stead where only that module is there.
 const BY_PYTHON: &str = include_str!("colmap_by_python.py");
 const PYTHONS: [&str; 2] = ["python3", "python"];
 
@@ -44,19 +46,37 @@ impl Colmap {
             Ok(program) => return Self::known(program),
             Err(missing) => missing,
         };
-        PYTHONS
-            .iter()
-            .filter_map(|name| Program::find(name, GET).ok())
-            .find_map(|python| Self::by_python(&python.path).ok())
-            .ok_or(missing)
+        let mut too_old = None;
+        for name in PYTHONS {
+            let Ok(python) = Program::find(name, GET) else {
+                continue;
+            };
+            match Self::by_python(&python.path) {
+                Ok(found) => return Ok(found),
+                // Said rather than that there is none.
+                Err(error @ CaptureError::TooOld { .. }) => too_old = Some(error),
+                // Most often a Python without the module.
+                Err(_) => {}
+            }
+        }
+        Err(too_old.unwrap_or(missing))
     }
 
     /// The module `pycolmap` (4.0 or newer) of the Python interpreter at a path.
     ///
     /// # Errors
-    /// As [`Colmap::at`].
+    /// As [`Colmap::at`], and [`CaptureError::TooOld`].
     pub fn by_python(python: &Path) -> Result<Self, CaptureError> {
-        Self::known(Program::script(python, vec!["-c", BY_PYTHON]))
+        let found = Self::known(Program::script(python, vec!["-c", BY_PYTHON]))?;
+        // Those before lack classes that are used here, or take another camera model than they are asked for.
+        let major = found.version.split('.').next().map(str::parse::<u32>);
+        match major {
+            Some(Ok(major)) if major < OLDEST_MODULE => Err(CaptureError::TooOld {
+                version: found.version,
+                python: python.to_path_buf(),
+            }),
+            _ => Ok(found),
+        }
     }
 
     /// The program at a path.

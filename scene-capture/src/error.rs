@@ -14,6 +14,18 @@ pub enum CaptureError {
         /// How to get it.
         remedy: &'static str,
     },
+    /// COLMAP's Python module is of a release that does not do what is asked of it.
+    #[error(
+        "the pycolmap {version} of {} is too old, 4.0 or newer is needed; install the program colmap, or \
+         pycolmap for a newer Python (pip install -U pycolmap)",
+        python.display()
+    )]
+    TooOld {
+        /// What it calls itself.
+        version: String,
+        /// The Python that it belongs to.
+        python: PathBuf,
+    },
     /// A program was started and failed.
     #[error("{} failed at {task} ({what}); {remedy}", program.display())]
     Failed {

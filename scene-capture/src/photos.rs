@@ -246,7 +246,15 @@ fn exif_of(path: &Path) -> Exif {
             .map(|field| field.display_value().to_string())
             .unwrap_or_default()
     };
-    let tags = [Tag::Make, Tag::Model, Tag::LensModel, Tag::FocalLength];
+    // Where a phone zooms by cutting out, only the last two tell.
+    let tags = [
+        Tag::Make,
+        Tag::Model,
+        Tag::LensModel,
+        Tag::FocalLength,
+        Tag::FocalLengthIn35mmFilm,
+        Tag::DigitalZoomRatio,
+    ];
     Exif {
         lens: tags.map(text).join("|"),
         has_position: exif.get_field(Tag::GPSLatitude, In::PRIMARY).is_some(),

@@ -11,6 +11,9 @@ use crate::directions::colour_extra;
 use crate::sdf_field::{Forward, Normal, SdfFieldConfig, SdfFieldWeights, Tape, sdf_field};
 use crate::surface::Surface;
 
+/// Points that are asked about at once: the rows of all pixels of a photo are more than some devices bind.
+const AT_ONCE: usize = 1 << 16;
+
 /// A surface that answers for plain lists of points, without autodiff.
 ///
 /// It shares the tensors' memory: nothing is copied, and later training does not change it.
@@ -175,11 +178,27 @@ impl FrozenSurface {
                 columns,
             };
         }
-        let out = sdf_field(self.rows(points, 3), self.sdf.clone(), config);
-        Geometry {
-            values: values(out),
-            columns,
-        }
+        let values = match config.forward {
+            // One tape is of one call.
+            Forward::Taped(_) => self.outputs(points, config),
+            _ => self.outputs_in_parts(&points, &config).flatten().collect(),
+        };
+        Geometry { values, columns }
+    }
+
+    /// The op's rows for `points: [n, 3]`.
+    fn outputs(&self, points: Vec<f32>, config: SdfFieldConfig) -> Vec<f32> {
+        values(sdf_field(self.rows(points, 3), self.sdf.clone(), config))
+    }
+
+    /// The same, so many at once that a device can bind them.
+    fn outputs_in_parts(
+        &self,
+        points: &[f32],
+        config: &SdfFieldConfig,
+    ) -> impl Iterator<Item = Vec<f32>> {
+        let parts = points.chunks(3 * AT_ONCE);
+        parts.map(|part| self.outputs(part.to_vec(), config.clone()))
     }
 
     /// Signed distances `[n]` alone of `points: [n, 3]`: no normals are computed.
@@ -192,8 +211,11 @@ impl FrozenSurface {
             normal: Normal::Zero,
             ..self.config.clone()
         };
-        let out = values(sdf_field(self.rows(points, 3), self.sdf.clone(), config));
-        out.chunks_exact(self.columns()).map(|row| row[0]).collect()
+        let mut distances = Vec::with_capacity(points.len() / 3);
+        for out in self.outputs_in_parts(&points, &config) {
+            distances.extend(out.chunks_exact(self.columns()).map(|row| row[0]));
+        }
+        distances
     }
 
     /// Gradients of the first output at `points: [n, 3]`, not normalised, also of a field that is read
@@ -207,10 +229,12 @@ impl FrozenSurface {
             normal: Normal::Computed,
             ..self.config.clone()
         };
-        let out = values(sdf_field(self.rows(points, 3), self.sdf.clone(), config));
-        out.chunks_exact(self.columns())
-            .map(|row| glam::Vec3::from_slice(&row[row.len() - 3..]))
-            .collect()
+        let mut gradients = Vec::with_capacity(points.len() / 3);
+        for out in self.outputs_in_parts(&points, &config) {
+            let rows = out.chunks_exact(self.columns());
+            gradients.extend(rows.map(|row| glam::Vec3::from_slice(&row[row.len() - 3..])));
+        }
+        gradients
     }
 
     /// Colours `[n, C]` of points with the geometry that [`FrozenSurface::geometry`] returned.
@@ -231,17 +255,30 @@ impl FrozenSurface {
         if n == 0 {
             return Vec::new();
         }
-        let extra = colour_extra(directions, extra, self.direction_degree);
         let columns = extra.len() / n;
-        values(colour_field(
-            ColourFieldInputs {
-                geometry: self.rows(geometry.values.clone(), geometry.columns),
-                points: self.rows(points.to_vec(), 3),
-                directions: self.rows(directions.to_vec(), 3),
-                extra: Tensor::from_data(TensorData::new(extra, [n, columns]), &self.device),
-            },
-            self.colour.clone(),
-        ))
+        let mut colours = Vec::new();
+        for start in (0..n).step_by(AT_ONCE) {
+            let part = start..(start + AT_ONCE).min(n);
+            let of = |rows: &'_ [f32], columns: usize| {
+                rows[columns * part.start..columns * part.end].to_vec()
+            };
+            let directions = of(directions, 3);
+            let extra = colour_extra(&directions, &of(extra, columns), self.direction_degree);
+            let width = extra.len() / part.len();
+            colours.extend(values(colour_field(
+                ColourFieldInputs {
+                    geometry: self.rows(of(&geometry.values, geometry.columns), geometry.columns),
+                    points: self.rows(of(points, 3), 3),
+                    directions: self.rows(directions, 3),
+                    extra: Tensor::from_data(
+                        TensorData::new(extra, [part.len(), width]),
+                        &self.device,
+                    ),
+                },
+                self.colour.clone(),
+            )));
+        }
+        colours
     }
 
     fn rows(&self, values: Vec<f32>, columns: usize) -> Tensor<2> {

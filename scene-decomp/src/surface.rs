@@ -279,22 +279,25 @@ impl Surface {
     ) -> ColourFieldInputs {
         let n = points.len() / 3;
         let device = self.grid.table.val().device();
-        let rows = |values: Vec<f32>| {
-            let columns = values.len().checked_div(n).unwrap_or(0);
+        let rows = |values: Vec<f32>, columns: usize| {
             Tensor::<2>::from_data(TensorData::new(values, [n, columns]), &device)
         };
-        let points = rows(points.to_vec());
+        let points = rows(points.to_vec(), 3);
         let extra = if harmonics(self.direction_degree) == 0 {
             extra.to_vec()
         } else {
             let views: Vec<f32> = directions.iter().map(|v| view_share * v).collect();
             colour_extra(&views, extra, self.direction_degree)
         };
+        let geometry = self.geometry(points.clone(), config);
+        // What the network has inputs for: without points the values do not tell.
+        let inputs = self.colour[0].weight.dims()[1];
+        let columns = inputs - 6 - geometry.dims()[1];
         ColourFieldInputs {
-            geometry: self.geometry(points.clone(), config),
+            geometry,
             points,
-            directions: rows(directions.to_vec()),
-            extra: rows(extra),
+            directions: rows(directions.to_vec(), 3),
+            extra: rows(extra, columns),
         }
     }
 }

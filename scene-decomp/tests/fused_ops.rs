@@ -433,6 +433,37 @@ fn no_points_give_no_rows() {
     let empty = tensor(Vec::new(), [0, 3], &device);
     let out = surface.geometry(empty, surface.sdf_config(&layout, 5, None));
     assert_eq!(out.dims(), [0, 11]);
+    let samples = surface.sample(&[], &[], &[], surface.sdf_config(&layout, 5, None));
+    assert_eq!(samples.geometry.dims(), [0, 11]);
+    assert_eq!(samples.colour.dims(), [0, 4]);
+}
+
+#[test]
+fn any_number_of_points_can_be_asked_about() {
+    // More than are asked about at once: those of a photo are.
+    let device = Device::flex().autodiff();
+    let layout = Arc::new(GridLayout::new(&config().grid));
+    let frozen = FrozenSurface::new(&surface(&device), &layout, 5);
+    let n = (1 << 16) + 3;
+    let points = numbers(3 * n, 9);
+    let (directions, extra) = (numbers(3 * n, 10), numbers(n, 11));
+    let geometry = frozen.geometry(&points);
+    let distances = frozen.distances_of(points.clone());
+    let gradients = frozen.gradients_of(points.clone());
+    let colours = frozen.colour(&geometry, &points, &directions, &extra);
+    assert_eq!(
+        (distances.len(), gradients.len(), colours.len()),
+        (n, n, 4 * n)
+    );
+    for i in [0, n - 4, n - 3, n - 1] {
+        let of = |rows: &[f32], columns: usize| rows[columns * i..columns * (i + 1)].to_vec();
+        let own = frozen.geometry(&of(&points, 3));
+        assert_eq!(own.values, of(&geometry.values, geometry.columns));
+        assert_eq!(distances[i], own.values[0]);
+        assert_eq!(gradients[i], own.normal(0));
+        let colour = frozen.colour(&own, &of(&points, 3), &of(&directions, 3), &of(&extra, 1));
+        assert_eq!(colour, of(&colours, 4));
+    }
 }
 
 #[test]

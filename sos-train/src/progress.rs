@@ -262,6 +262,16 @@ pub enum AtInterrupt {
     LeaveNothing,
 }
 
+/// Whether the first Ctrl-C says that a checkpoint is saved.
+static SAVES: AtomicBool = AtomicBool::new(false);
+
+impl AtInterrupt {
+    /// Has the first Ctrl-C announce this from now on.
+    pub(crate) fn announce(self) {
+        SAVES.store(self == Self::SaveCheckpoint, Ordering::SeqCst);
+    }
+}
+
 /// A flag that the first Ctrl-C (or SIGTERM) sets; the second ends the program. It is the same for
 /// every call in a process.
 ///
@@ -269,8 +279,7 @@ pub enum AtInterrupt {
 /// If the system refuses, or another handler is installed already.
 pub fn watch_interrupt(then: AtInterrupt) -> Result<Arc<AtomicBool>, ctrlc::Error> {
     static FLAG: Mutex<Option<Arc<AtomicBool>>> = Mutex::new(None);
-    static SAVES: AtomicBool = AtomicBool::new(false);
-    SAVES.store(then == AtInterrupt::SaveCheckpoint, Ordering::SeqCst);
+    then.announce();
     let mut known = lock(&FLAG);
     if let Some(flag) = &*known {
         return Ok(Arc::clone(flag));

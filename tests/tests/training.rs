@@ -53,6 +53,17 @@ fn small_config(steps: u32) -> TrainConfig {
 }
 
 #[test]
+fn a_coarsest_grid_finer_than_the_photos_is_the_finest_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = small_config(1);
+    config.apply_override("model.base_resolution=4096").unwrap();
+    config.apply_override("model.levels=0").unwrap();
+    config.validate().unwrap();
+    let data = prepared(folder.path(), &config);
+    assert!(Trainer::new(&config, &data).is_ok());
+}
+
+#[test]
 fn the_demo_scene_is_learnt() {
     let folder = tempfile::tempdir().unwrap();
     let config = small_config(400);

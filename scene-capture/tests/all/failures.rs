@@ -150,6 +150,16 @@ fn what_is_not_colmap_is_recognised() {
         said.contains("other does not answer like COLMAP; install COLMAP: apt install"),
         "{said}"
     );
+    // A Python whose module is older than what is asked of it, and one whose is not.
+    let old = shop.script("python-3.9", "echo 'COLMAP 3.13.0 (pycolmap)'");
+    let said = Colmap::by_python(&old).unwrap_err().to_string();
+    assert!(
+        said.contains("3.13.0") && said.contains("python-3.9"),
+        "{said}"
+    );
+    assert!(said.contains("4.0 or newer"), "{said}");
+    let new = shop.script("python-3.14", "echo 'COLMAP 4.2.1 (pycolmap)'");
+    assert_eq!(Colmap::by_python(&new).unwrap().version(), "4.2.1");
     let said = Colmap::at(&shop.path("absent")).unwrap_err().to_string();
     assert!(said.starts_with("cannot start "), "{said}");
     // No commands but help.

@@ -134,7 +134,8 @@ fn run(
 
 fn check(inputs: &ColourFieldInputs, stretch: &Tensor<2>, weights: &ColourFieldWeights) {
     let [n, columns] = inputs.geometry.dims();
-    let [_, extra] = inputs.extra.dims();
+    let [rows, extra] = inputs.extra.dims();
+    assert_eq!(rows, n, "colour_field: extra must have a row per point");
     let [hidden, width] = weights.w1.dims();
     assert_eq!(
         width,
@@ -154,7 +155,21 @@ fn check(inputs: &ColourFieldInputs, stretch: &Tensor<2>, weights: &ColourFieldW
         rows == n && width <= 1,
         "sample_rows: stretch is [{rows}, {width}], not [{n}, 1] or [{n}, 0]"
     );
-    let [outputs, _] = weights.w3.dims();
+    let [second, inner] = weights.w2.dims();
+    assert_eq!(inner, hidden, "colour_field: w2 does not fit w1");
+    let [outputs, inner] = weights.w3.dims();
+    assert_eq!(inner, second, "colour_field: w3 does not fit w2");
+    for (bias, rows) in [
+        (&weights.b1, hidden),
+        (&weights.b2, second),
+        (&weights.b3, outputs),
+    ] {
+        assert_eq!(
+            bias.dims(),
+            [rows],
+            "colour_field: a bias does not fit its layer"
+        );
+    }
     assert!(
         (1..=MAX_OUTPUTS).contains(&outputs),
         "colour_field: {outputs} outputs, not 1 to {MAX_OUTPUTS}"

@@ -145,6 +145,12 @@ fn check(points: &Tensor<2>, weights: &SdfFieldWeights, config: &SdfFieldConfig)
         "sdf_field: points are {:?}, not [n, 3]",
         points.dims()
     );
+    let expected = [config.layout.entries(), 2];
+    assert_eq!(
+        weights.table.dims(),
+        expected,
+        "sdf_field: the table does not fit its layout"
+    );
     let [hidden, inputs] = weights.w1.dims();
     assert_eq!(
         inputs, columns,

@@ -326,7 +326,13 @@ fn start(
     ready: Ready,
     screen: &Progress,
 ) -> anyhow::Result<TrainOutcome> {
-    let interrupt = watch_interrupt(AtInterrupt::SaveCheckpoint).unwrap_or_else(|error| {
+    // While an object is looked for there is nothing to save yet.
+    let then = if args.resume || ready.masks.is_some() {
+        AtInterrupt::SaveCheckpoint
+    } else {
+        AtInterrupt::LeaveNothing
+    };
+    let interrupt = watch_interrupt(then).unwrap_or_else(|error| {
         screen.warn(&format!(
             "Ctrl-C will stop the run without saving ({error})"
         ));

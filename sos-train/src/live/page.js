@@ -70,11 +70,14 @@
     }
   };
 
-  const said = { pause: "paused", stop: "stopping with a checkpoint", finish: "going to the final pictures", "go on": "" };
+  // Until an object is found there is nothing to save.
+  let searching = false;
+  const said = { pause: "paused", stop: "stopping", finish: "going to the final pictures", "go on": "" };
   const buttons = Object.fromEntries([...document.querySelectorAll("[data-wish]")].map((b) => [b.dataset.wish, b]));
   const wishes = (state) => {
     const ending = state.wish === "stop" || state.wish === "finish";
     const training = state.stage && state.stage.label === "training";
+    searching = Boolean(state.stage) && state.stage.label.startsWith("looking for the object");
     buttons.pause.textContent = state.wish === "pause" ? "go on" : "pause";
     buttons.pause.disabled = ending || !training;
     buttons.finish.disabled = ending || !training || !state.may_finish;
@@ -83,7 +86,7 @@
   };
   for (const [wish, button] of Object.entries(buttons)) button.addEventListener("click", async () => {
     const what = wish === "pause" && button.textContent === "go on" ? "go-on" : wish;
-    if (what === "stop" && !confirm("Save a checkpoint and end the run?")) return;
+    if (what === "stop" && !confirm(searching ? "End the run? The object is still looked for, and nothing is kept." : "Save a checkpoint and end the run?")) return;
     const answer = await fetch(what, { method: "POST" });
     if (!answer.ok) $("said").textContent = await answer.text();
     look();

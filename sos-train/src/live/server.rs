@@ -92,7 +92,7 @@ impl LiveServer {
             .name("live view".to_owned())
             .spawn(move || {
                 for request in serving.incoming_requests() {
-                    answer(&live, port, request);
+                    answer(&live, request);
                 }
             })?;
         Ok(Self {
@@ -141,7 +141,7 @@ impl Answer {
     }
 }
 
-fn answer(live: &Live, port: u16, request: Request) {
+fn answer(live: &Live, request: Request) {
     let header = |name: &str| {
         let found = request
             .headers()
@@ -149,12 +149,14 @@ fn answer(live: &Live, port: u16, request: Request) {
             .find(|header| header.field.as_str().as_str().eq_ignore_ascii_case(name));
         found.map(|header| header.value.as_str())
     };
-    let answer = if !is_own_host(header("Host"), port) {
+    let answer = if !is_own_host(header("Host")) {
         Answer::refusal(403, "this page is for 127.0.0.1 alone")
     } else {
         match request.method() {
             Method::Get => get(live, request.url()),
-            Method::Post if is_own_origin(header("Origin"), port) => post(live, request.url()),
+            Method::Post if is_own_origin(header("Origin"), header("Host")) => {
+                post(live, request.url())
+            }
             Method::Post => Answer::refusal(403, "only the run's own page may ask for that"),
             _ => Answer::refusal(405, "GET and POST are understood"),
         }
@@ -174,21 +176,24 @@ fn answer(live: &Live, port: u16, request: Request) {
     let _ = request.respond(response);
 }
 
-/// Whether a request names this server as itself.
-fn is_own_host(host: Option<&str>, port: u16) -> bool {
+/// Whether a request names this machine as itself: a page elsewhere whose name was made to lead here cannot. The port may be
+/// another one, at which a tunnel leads here.
+fn is_own_host(host: Option<&str>) -> bool {
     // Browsers leave a port of 80 out.
     host.map(|host| host.rsplit_once(':').unwrap_or((host, "80")))
         .is_some_and(|(name, at)| {
             ["127.0.0.1", "localhost"].contains(&name.to_ascii_lowercase().as_str())
-                && at.parse() == Ok(port)
+                && at.parse::<u16>().is_ok()
         })
 }
 
-/// Whether a request comes from this server's own page.
-fn is_own_origin(origin: Option<&str>, port: u16) -> bool {
-    origin
-        .and_then(|origin| origin.strip_prefix("http://"))
-        .is_some_and(|host| is_own_host(Some(host), port))
+/// Whether a request comes from the page that this server gave: from the host that is asked.
+fn is_own_origin(origin: Option<&str>, host: Option<&str>) -> bool {
+    is_own_host(host)
+        && origin
+            .and_then(|origin| origin.strip_prefix("http://"))
+            .zip(host)
+            .is_some_and(|(origin, host)| origin.eq_ignore_ascii_case(host))
 }
 
 fn get(live: &Live, url: &str) -> Answer {
@@ -241,26 +246,39 @@ mod tests {
 
     #[test]
     fn only_this_machine_is_a_host() {
-        for host in ["127.0.0.1:8420", "localhost:8420", "LOCALHOST:8420"] {
-            assert!(is_own_host(Some(host), 8420), "{host}");
-            assert!(is_own_origin(Some(&format!("http://{host}")), 8420));
+        // Also those of a tunnel, and one of which browsers leave 80 out.
+        for host in [
+            "127.0.0.1:8420",
+            "LOCALHOST:8420",
+            "localhost:9000",
+            "localhost",
+        ] {
+            assert!(is_own_host(Some(host)), "{host}");
+            let origin = format!("http://{host}");
+            assert!(is_own_origin(Some(&origin), Some(host)), "{host}");
         }
         for host in [
             "evil.example:8420",
-            "127.0.0.1",
-            "127.0.0.1:80",
+            "127.0.0.1:99999",
             "localhost.evil.example:8420",
             "127.0.0.1:8420.evil.example",
             "",
         ] {
-            assert!(!is_own_host(Some(host), 8420), "{host}");
-            assert!(!is_own_origin(Some(&format!("http://{host}")), 8420));
+            assert!(!is_own_host(Some(host)), "{host}");
+            let origin = format!("http://{host}");
+            assert!(!is_own_origin(Some(&origin), Some(host)), "{host}");
         }
-        // What browsers leave out is 80.
-        assert!(is_own_host(Some("localhost"), 80) && !is_own_host(Some("localhost"), 8420));
-        assert!(!is_own_host(None, 8420));
-        for origin in [None, Some("null"), Some("https://127.0.0.1:8420")] {
-            assert!(!is_own_origin(origin, 8420), "{origin:?}");
+        assert!(!is_own_host(None));
+        // Another page of this machine is not this one.
+        let here = Some("127.0.0.1:8420");
+        for origin in [
+            None,
+            Some("null"),
+            Some("https://127.0.0.1:8420"),
+            Some("http://127.0.0.1:9000"),
+            Some("http://localhost:8420"),
+        ] {
+            assert!(!is_own_origin(origin, here), "{origin:?}");
         }
     }
 }

@@ -193,7 +193,8 @@ pub fn trust_masks(
     threshold: f32,
 ) -> ViewTrust {
     let limit = (255.0 * threshold) as u8;
-    let overlaps: Vec<Option<f32>> = views
+    // Pixels of both, and of either.
+    let overlaps: Vec<Option<(u32, u32)>> = views
         .par_iter()
         .zip(silhouettes)
         .map(|(view, silhouette)| {
@@ -210,16 +211,24 @@ pub fn trust_masks(
                 both += u32::from(own && others);
                 either += u32::from(own || others);
             }
-            Some(both as f32 / either.max(1) as f32)
+            Some((both, either))
         })
         .collect();
-    let mut known: Vec<f32> = overlaps.iter().flatten().copied().collect();
+    let shown = overlaps.iter().flatten().filter(|(_, either)| *either > 0);
+    let mut known: Vec<f32> = shown
+        .map(|(both, either)| *both as f32 / *either as f32)
+        .collect();
     let middle = median(&mut known).unwrap_or(1.0).max(1e-3);
     ViewTrust(
         overlaps
             .iter()
             .map(|overlap| match overlap {
-                Some(overlap) => ((overlap / middle - 0.5) / 0.3).clamp(0.0, 1.0),
+                // Where all say that the object is not in the picture, nobody is contradicted.
+                Some((_, 0)) => 1.0,
+                Some((both, either)) => {
+                    let overlap = *both as f32 / *either as f32;
+                    ((overlap / middle - 0.5) / 0.3).clamp(0.0, 1.0)
+                }
                 None => 0.0,
             })
             .collect(),

@@ -34,7 +34,11 @@ pub(super) struct Electorate<'a> {
 
 impl<'a> Electorate<'a> {
     pub(super) fn new(views: &'a [TrainView], trust: &'a ViewTrust) -> Self {
-        let masked = trust.0.iter().filter(|t| **t > 0.0).count();
+        // Of masks without anything the object is out of the picture: what the others show is not to be seen by
+        // a third of those, too.
+        let shows = |view: &TrainView| view.mask.as_ref().is_some_and(|mask| mask.area() > 0);
+        let pairs = views.iter().zip(&trust.0);
+        let masked = pairs.filter(|(view, t)| **t > 0.0 && shows(view)).count();
         Self {
             views,
             trust,

@@ -33,6 +33,8 @@ struct CoarseView {
     distance: Vec<f32>,
     /// Whether a cell's ray has been drawn.
     drawn: Vec<bool>,
+    /// Cells whose photo is not to be learned from, and not to be shown in plates either.
+    ignored: Vec<bool>,
 }
 
 /// What all views saw.
@@ -42,8 +44,8 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// Renders the coarse raster of every view of `data`: first where the object can be, to see what
-    /// lies behind it, then wherever a view might show that.
+    /// Renders the coarse raster of every view of `data`: first where the object can be, or the photo is not to be
+    /// shown, to see what lies behind, then wherever a view might show that.
     #[must_use]
     pub fn new(scene: &FrozenScene, data: &Prepared, mut done: impl FnMut()) -> Self {
         let mut views: Vec<CoarseView> = data
@@ -55,8 +57,9 @@ impl Survey {
         for (coarse, view) in views.iter_mut().zip(&data.views) {
             let silhouette = outline::silhouette(view, &data.frame, &scene.map, STRIDE);
             let threshold = (255.0 * scene.config.prepare.hull_threshold) as u8;
-            let likely = (0..coarse.cells()).filter(|&cell| silhouette.as_raw()[cell] >= threshold);
-            let cells = coarse.around(likely);
+            let likely =
+                |cell: &usize| coarse.ignored[*cell] || silhouette.as_raw()[*cell] >= threshold;
+            let cells = coarse.around((0..coarse.cells()).filter(likely));
             coarse.render(scene, view, &cells);
             behind.extend(coarse.behind_the_object(view));
         }
@@ -101,6 +104,17 @@ impl Survey {
     }
 }
 
+/// For each cell whether a pixel in it is ignored.
+fn ignored_cells(view: &TrainView, width: usize, height: usize) -> Vec<bool> {
+    let mut cells = vec![false; width * height];
+    if view.ignored.is_some() {
+        for (y, x) in (0..view.height()).flat_map(|y| (0..view.width()).map(move |x| (y, x))) {
+            cells[(y / STRIDE) as usize * width + (x / STRIDE) as usize] |= view.ignores(x, y);
+        }
+    }
+    cells
+}
+
 /// Whether a photo has this colour at a pixel or next to it.
 fn agrees(photo: &Photo, pixel: Vec2, colour: Vec3) -> bool {
     let (x, y) = (pixel.x as u32, pixel.y as u32);
@@ -124,6 +138,7 @@ impl CoarseView {
             matte: vec![1.0; width * height],
             distance: vec![0.0; width * height],
             drawn: vec![false; width * height],
+            ignored: ignored_cells(view, width, height),
         }
     }
 
@@ -184,10 +199,10 @@ impl CoarseView {
         }
     }
 
-    /// What of the background lies behind the object and close by its outline.
+    /// What of the background lies behind the object and close by its outline, or where the photo is not to be shown.
     fn behind_the_object(&self, view: &TrainView) -> Vec<Vec3> {
-        let object = (0..self.cells()).filter(|&i| self.drawn[i] && self.matte[i] > 0.0);
-        let near = self.within(object, 1);
+        let object = |&i: &usize| self.ignored[i] || (self.drawn[i] && self.matte[i] > 0.0);
+        let near = self.within((0..self.cells()).filter(object), 1);
         (0..self.cells())
             .filter(|&cell| near[cell] && self.distance[cell] > 0.0)
             .filter_map(|cell| Some(self.ray(view, cell)?.at(self.distance[cell])))

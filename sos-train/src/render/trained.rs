@@ -1,7 +1,7 @@
 //! A run's scene as its checkpoint has it, to draw what the run itself did not.
 
 use super::rays::FrozenScene;
-use crate::prepare::view::{all_downscaled, load_ignored, load_views};
+use crate::prepare::view::{all_downscaled, find_ignored, load_ignored, load_views};
 use crate::prepare::{MaskConsensus, Prepared, prepare, prepare_with};
 use crate::report::ReportInputs;
 use crate::run_folder::{RunError, RunFolder};
@@ -24,8 +24,8 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     // Pictures are drawn on the CPU, wherever the run was trained.
     "cpu".clone_into(&mut config.device);
     let mut photos = load_views(&inputs.scene, inputs.masks.as_ref())?;
-    if let Some(ignored) = &inputs.ignored {
-        load_ignored(&mut photos, ignored)?;
+    if let Some(dir) = &inputs.ignore {
+        load_ignored(&mut photos, &find_ignored(dir, &inputs.scene)?)?;
     }
     let (points, sizes) = (&inputs.scene.model.points, &config.prepare);
     // As the run itself did: the box is found with masks as they are, unless it found them itself, and

@@ -151,7 +151,13 @@ pub fn render_view(
         let own = object_colour(i)
             .or_else(|| mean_around(&object_colour, i, width, height))
             .unwrap_or(photo);
-        out.foreground[i] = decontaminated(photo, own, hit.background, out.alpha[i]).to_array();
+        let own = if ignored(i as u32) {
+            // The photo shows what is not to be learned from.
+            own
+        } else {
+            decontaminated(photo, own, hit.background, out.alpha[i])
+        };
+        out.foreground[i] = own.to_array();
         if hit.object_distance > 0.0 && out.alpha[i] > 0.05 {
             out.normal[i] = normals[k].to_array();
             let point = data

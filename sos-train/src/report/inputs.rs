@@ -4,7 +4,6 @@ use super::ReportError;
 use crate::audit::{Metrics, RunAudit};
 use crate::config::{MaskPolarity, RunRecord, TrainConfig, Versions};
 use crate::export::read_log;
-use crate::prepare::view::find_ignored;
 use crate::run_folder::{RunError, RunFolder};
 use io_colmap::{MaskSet, Scene};
 use serde_json::{Map, Value};
@@ -25,7 +24,7 @@ pub struct ReportInputs {
     /// Coarse masks.
     pub masks: Option<MaskSet>,
     /// Where photos were not learned from.
-    pub ignored: Option<MaskSet>,
+    pub ignore: Option<PathBuf>,
     /// Folder of reference mattes, matched by stem and shown beside the run's own.
     pub reference: Option<PathBuf>,
     /// What was detected or decided, a sentence each.
@@ -82,8 +81,6 @@ impl ReportInputs {
             .as_deref()
             .map(|dir| MaskSet::find(dir, &scene, polarity.map(MaskPolarity::into)))
             .transpose()?;
-        let ignored = input.ignore.as_deref();
-        let ignored = ignored.map(|dir| find_ignored(dir, &scene)).transpose()?;
         let log = read_log(run)?;
         let Metrics { scores, audit } = Metrics::read(run);
         Ok(Self {
@@ -102,7 +99,7 @@ impl ReportInputs {
             reference: Some(scene_dir.join("alpha_gt")).filter(|dir| input.demo && dir.is_dir()),
             scene,
             masks,
-            ignored,
+            ignore: input.ignore.clone(),
             log,
             metrics: scores,
             audit,

@@ -365,6 +365,37 @@ mod tests {
     }
 
     #[test]
+    fn a_few_rays_do_not_make_a_rough_mask_exact() {
+        // One ray of a hundred: of those of a tile that is off by a tenth, often none differs.
+        let mut agreement = Agreement::new(4);
+        let few = |agreement: &mut Agreement, round: u32| {
+            for view in 0..4 {
+                for (x, y) in (0..240).flat_map(|x| (0..240).map(move |y| (x, y))) {
+                    let (u, v) = (x as f32 - 119.5, y as f32 - 119.5);
+                    if (x * 7 + y * 13 + 31 * view as u32 + 17 * round).is_multiple_of(12) {
+                        let object = f32::from(u8::from(u.hypot(v) < 60.0));
+                        let tile = tile_of((240, 240), x, y);
+                        agreement.add(view, tile, object, u.hypot(v) < 58.8);
+                    }
+                }
+            }
+        };
+        few(&mut agreement, 0);
+        agreement.update(&[]);
+        let trusted = |agreement: &Agreement| agreement.tiles.iter().any(|tile| tile.trust > 0.0);
+        assert!(!trusted(&agreement));
+        // They are kept until there are enough, and then say the same as many at once.
+        let before: f32 = agreement.tiles.iter().map(|tile| tile.rays).sum();
+        for round in 1..8 {
+            few(&mut agreement, round);
+            agreement.update(&[]);
+        }
+        let after: f32 = agreement.tiles.iter().map(|tile| tile.rays).sum();
+        assert!(after > 4.5 * before, "{before} {after}");
+        assert!(exact_share(&agreement.tiles).is_some());
+    }
+
+    #[test]
     fn a_good_mask_among_rough_ones_is_not_trusted() {
         let mut agreement = Agreement::new(3);
         look(&mut agreement, 0, |u, v| u.hypot(v) < 60.0);

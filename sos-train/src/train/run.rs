@@ -18,7 +18,7 @@ use crate::live::{LiveView, Wish, attend};
 use crate::prepare::error::PrepareError;
 use crate::prepare::view::{all_downscaled, load_ignored, load_views};
 use crate::prepare::{MaskConsensus, Prepared, TrainView, prepare, prepare_with};
-use crate::progress::{Progress, ProgressState};
+use crate::progress::{AtInterrupt, Progress, ProgressState};
 use crate::render::survey::Survey;
 use crate::render::view::render_view;
 use crate::render::{mesh, preview};
@@ -68,6 +68,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     else {
         return Ok(TrainOutcome::NotBegun);
     };
+    AtInterrupt::SaveCheckpoint.announce();
     let (points, sizes) = (&job.scene.model.points, &job.config.prepare);
     let band = job.config.loss.ignore_band;
     let mut data = match consensus {

@@ -60,7 +60,8 @@ fn finest_resolution(scene: &Prepared) -> u32 {
 pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
     let model = &config.model;
     let finest = match model.finest_resolution {
-        0 => finest_resolution(scene),
+        // A base that was set holds, however few cells the photos tell.
+        0 => finest_resolution(scene).max(model.base_resolution),
         fixed => fixed,
     };
     let levels = match model.levels {

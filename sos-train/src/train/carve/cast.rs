@@ -2,8 +2,8 @@
 
 use scene_decomp::SurfaceVotes;
 
-use super::RAYS;
 use super::depth::{DepthPicture, depth_pictures};
+use super::{RAYS, rays_of};
 use crate::prepare::Prepared;
 use crate::render::rays::FrozenScene;
 use crate::train::Trainer;
@@ -11,7 +11,7 @@ use crate::train::Trainer;
 impl Trainer {
     /// Forgets the votes so far and has all masks vote on the surfaces of `scene`, as the masks are now.
     pub(super) fn vote_anew(&mut self, scene: &FrozenScene, data: &Prepared) {
-        let depths = depth_pictures(scene, data, RAYS);
+        let depths = depth_pictures(scene, data, rays_of(data, RAYS));
         self.votes = cast(data, &depths, self.map.resolution());
     }
 }

@@ -18,8 +18,8 @@ use crate::prepare::{Prepared, TrainView};
 use crate::render::rays::FrozenScene;
 use crate::train::Trainer;
 
-/// Rays along the masks' outlines whose depths are looked at, in all views together, at most.
-const RAYS: usize = 100_000;
+/// Rays along the masks' outlines whose depths are looked at ([`rays_of`](super::rays_of)).
+const RAYS: (usize, usize) = (2_000, 100_000);
 /// Half the width of the band that is looked at, as a share of the object's size in the picture (the root
 /// of its mask's area).
 const BAND: f32 = 0.12;
@@ -84,7 +84,10 @@ fn errors(
         .collect();
     // Points in the bands, one to a pixel: an outline is about four sizes long.
     let pixels: f32 = sizes.iter().map(|size| 8.0 * BAND * size * size).sum();
-    let stride = (pixels / RAYS as f32).sqrt().ceil().max(1.0) as u32;
+    let stride = (pixels / super::rays_of(data, RAYS) as f32)
+        .sqrt()
+        .ceil()
+        .max(1.0) as u32;
     let views: Vec<Vec<f32>> = data
         .views
         .iter()

@@ -23,8 +23,9 @@ use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
 use crate::render::rays::FrozenScene;
 
-/// Rays whose depths are fused, in all views together, at most.
-const RAYS: usize = 300_000;
+/// Rays whose depths are fused: about so many of a view where there are many views, and so many of all together where
+/// there are few.
+const RAYS: (usize, usize) = (6_000, 300_000);
 /// Euclidean distances up to this many voxels are told apart.
 const REACH: usize = 8;
 /// How far behind the nearest surface that hides it a place can be the object's, in half sides of the box. More than one: the
@@ -32,6 +33,12 @@ const REACH: usize = 8;
 const DEEPEST: f32 = 1.25;
 /// Parts with less than this share of the largest one's voxels are crumbs.
 const SMALLEST_PART: f32 = 0.01;
+
+/// How many rays of all views together are asked about something: `each` of a view, but `least` where that is less, so
+/// that many views do not leave each with few.
+fn rays_of(data: &Prepared, (each, least): (usize, usize)) -> usize {
+    (each * data.views.len()).max(least)
+}
 
 impl Trainer {
     /// Just before the carving, corrects what geometry shows to be wrong with the masks. Returns what was done, for people.
@@ -57,7 +64,7 @@ impl Trainer {
 
     /// Ends BaCo's time alone: m^P from the votes, FoCoR's shape from BaCo's depths.
     pub(super) fn carve(&mut self, data: &Prepared) {
-        let depths = depth::depth_pictures(&self.freeze_before(), data, RAYS);
+        let depths = depth::depth_pictures(&self.freeze_before(), data, rays_of(data, RAYS));
         self.follow(self.probability(data));
         let resolution = self.map.resolution();
         let crop = self.context.config.prepare.crop_threshold;

@@ -12,8 +12,8 @@ use crate::prepare::{Prepared, TrainView};
 use crate::render::rays::FrozenScene;
 use crate::train::Trainer;
 
-/// Rays inside masks whose depths are looked at, in all views together, at most.
-const RAYS: usize = 600_000;
+/// Rays inside masks whose depths are looked at ([`rays_of`](super::rays_of)).
+const RAYS: (usize, usize) = (12_000, 600_000);
 /// Neighbours in the raster whose distances differ by more are not of one surface; normalised frame.
 const STEP: f32 = 0.06;
 /// Share of a piece's border along which it must lie behind what is next to it, inside the mask.
@@ -58,7 +58,8 @@ fn covered(data: &Prepared) -> usize {
 
 /// The pixels of each view that look through an opening.
 fn openings(scene: &FrozenScene, data: &Prepared) -> Vec<PixelSpans> {
-    let stride = (covered(data) as f32 / RAYS as f32).sqrt().ceil().max(1.0) as u32;
+    let rays = super::rays_of(data, RAYS) as f32;
+    let stride = (covered(data) as f32 / rays).sqrt().ceil().max(1.0) as u32;
     let views = data.views.iter().zip(&data.trust.0);
     views
         .map(|(view, trust)| {
