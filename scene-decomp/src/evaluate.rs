@@ -178,11 +178,17 @@ impl FrozenSurface {
                 columns,
             };
         }
-        let values = match config.forward {
-            // One tape is of one call.
-            Forward::Taped(_) => self.outputs(points, config),
-            _ => self.outputs_in_parts(&points, &config).flatten().collect(),
-        };
+        // One tape is of one call.
+        if let Forward::Taped(_) = config.forward {
+            let values = self.outputs(points, config);
+            return Geometry { values, columns };
+        }
+        let mut values = Vec::new();
+        self.in_parts(points, &config, |rows| match values.is_empty() {
+            // Nearly always all of them: not copied.
+            true => values = rows,
+            false => values.extend_from_slice(&rows),
+        });
         Geometry { values, columns }
     }
 
@@ -192,13 +198,13 @@ impl FrozenSurface {
     }
 
     /// The same, so many at once that a device can bind them.
-    fn outputs_in_parts(
-        &self,
-        points: &[f32],
-        config: &SdfFieldConfig,
-    ) -> impl Iterator<Item = Vec<f32>> {
-        let parts = points.chunks(3 * AT_ONCE);
-        parts.map(|part| self.outputs(part.to_vec(), config.clone()))
+    fn in_parts(&self, points: Vec<f32>, config: &SdfFieldConfig, mut take: impl FnMut(Vec<f32>)) {
+        if points.len() <= 3 * AT_ONCE {
+            return take(self.outputs(points, config.clone()));
+        }
+        for part in points.chunks(3 * AT_ONCE) {
+            take(self.outputs(part.to_vec(), config.clone()));
+        }
     }
 
     /// Signed distances `[n]` alone of `points: [n, 3]`: no normals are computed.
@@ -212,9 +218,9 @@ impl FrozenSurface {
             ..self.config.clone()
         };
         let mut distances = Vec::with_capacity(points.len() / 3);
-        for out in self.outputs_in_parts(&points, &config) {
+        self.in_parts(points, &config, |out| {
             distances.extend(out.chunks_exact(self.columns()).map(|row| row[0]));
-        }
+        });
         distances
     }
 
@@ -230,10 +236,10 @@ impl FrozenSurface {
             ..self.config.clone()
         };
         let mut gradients = Vec::with_capacity(points.len() / 3);
-        for out in self.outputs_in_parts(&points, &config) {
+        self.in_parts(points, &config, |out| {
             let rows = out.chunks_exact(self.columns());
             gradients.extend(rows.map(|row| glam::Vec3::from_slice(&row[row.len() - 3..])));
-        }
+        });
         gradients
     }
 
@@ -259,17 +265,16 @@ impl FrozenSurface {
         let mut colours = Vec::new();
         for start in (0..n).step_by(AT_ONCE) {
             let part = start..(start + AT_ONCE).min(n);
-            let of = |rows: &'_ [f32], columns: usize| {
-                rows[columns * part.start..columns * part.end].to_vec()
-            };
-            let directions = of(directions, 3);
-            let extra = colour_extra(&directions, &of(extra, columns), self.direction_degree);
+            let within = |columns: usize| columns * part.start..columns * part.end;
+            let directions = &directions[within(3)];
+            let extra = colour_extra(directions, &extra[within(columns)], self.direction_degree);
+            let geometry_rows = geometry.values[within(geometry.columns)].to_vec();
             let width = extra.len() / part.len();
             colours.extend(values(colour_field(
                 ColourFieldInputs {
-                    geometry: self.rows(of(&geometry.values, geometry.columns), geometry.columns),
-                    points: self.rows(of(points, 3), 3),
-                    directions: self.rows(directions, 3),
+                    geometry: self.rows(geometry_rows, geometry.columns),
+                    points: self.rows(points[within(3)].to_vec(), 3),
+                    directions: self.rows(directions.to_vec(), 3),
                     extra: Tensor::from_data(
                         TensorData::new(extra, [part.len(), width]),
                         &self.device,

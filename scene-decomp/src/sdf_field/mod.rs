@@ -145,10 +145,11 @@ fn check(points: &Tensor<2>, weights: &SdfFieldWeights, config: &SdfFieldConfig)
         "sdf_field: points are {:?}, not [n, 3]",
         points.dims()
     );
-    let ([rows, width], entries) = (weights.table.dims(), config.layout.entries());
-    assert!(
-        rows >= entries && width == 2,
-        "sdf_field: the table is [{rows}, {width}], but the layout asks for [{entries}, 2]"
+    let expected = [config.layout.entries(), 2];
+    assert_eq!(
+        weights.table.dims(),
+        expected,
+        "sdf_field: the table does not fit its layout"
     );
     let [hidden, inputs] = weights.w1.dims();
     assert_eq!(
