@@ -23,7 +23,8 @@ mod train;
 
 pub use args::{
     AblateArgs, CaptureArgs, Command, CompareArgs, DegradeArgs, DoctorArgs, EvalArgs, ExportArgs,
-    HullArgs, ImportArgs, RenderArgs, ReportArgs, ResultsArgs, SettingArgs, Sos, TrainArgs,
+    HullArgs, ImportArgs, RenderArgs, ReportArgs, ResultsArgs, SettingArgs, Sos, TableArgs,
+    TrainArgs,
 };
 
 use crate::devices::Devices;

@@ -25,6 +25,11 @@ impl Spread {
             deviation: (squares / (n - 1.0)).sqrt(),
         })
     }
+
+    /// Mean ± deviation.
+    pub(crate) fn text(self, decimals: usize) -> String {
+        format!("{:.decimals$} ± {:.decimals$}", self.mean, self.deviation)
+    }
 }
 
 /// A row over all of its seeds.
@@ -91,7 +96,7 @@ fn cells(row: &OverSeeds) -> [String; 6] {
     let cell = |spread: Option<Spread>, factor: f64, decimals: usize| {
         spread.map_or("-".to_owned(), |Spread { mean, deviation }| {
             let (mean, deviation) = (factor * mean, factor * deviation);
-            format!("{mean:.decimals$} ± {deviation:.decimals$}")
+            Spread { mean, deviation }.text(decimals)
         })
     };
     [

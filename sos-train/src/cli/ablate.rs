@@ -3,15 +3,14 @@
 use super::answer::Voice;
 use super::hull::{write_hull, write_masks};
 use super::input::{Plan, mask_source};
-use super::kept_run::{self, State, words_of};
+use super::kept_run::{self, Made, State, words_of};
 use super::train::whole_seconds;
-use super::{AblateArgs, SettingArgs, TrainArgs, complain, program};
+use super::{AblateArgs, SettingArgs, TrainArgs, program};
 use crate::ablation::{Ablation, DECISIONS, Kind, RIVALS, Row, Scored, Start, TABLE, Trial};
-use crate::error::{EXIT_OK, InputError, sentence};
+use crate::error::{EXIT_OK, InputError};
 use crate::report::comparison_page;
 use crate::run_folder::{RunError, RunFolder, write_whole};
 use io_colmap::{MaskSet, Scene};
-use scene_export::quoted;
 use scene_import::MaskSource;
 use sos_eval::{Contender, compare_contenders, mattes_by_view};
 use std::fs;
@@ -36,29 +35,18 @@ pub(super) fn ablate(args: &AblateArgs) -> anyhow::Result<u8> {
     for trial in &quick {
         place.make(args, trial)?;
     }
-    let mut failed = None;
-    for trial in &slow {
-        let code = match place.make(args, trial) {
-            Ok(code) => code,
-            // That a part of the method does not do alone is a result as well.
-            Err(error) => {
-                let error = error.context(format!("the row {:?} failed", trial.title()));
-                complain(&sentence(&error));
-                failed = Some(error);
-                continue;
-            }
-        };
-        if code != EXIT_OK {
-            let _ = writeln!(
-                std::io::stderr(),
-                "the ablation is not complete; the same command goes on with {}",
-                quoted(&place.out.join(trial.folder()))
-            );
-            return Ok(code);
+    let name = |trial: &Trial| {
+        let title = format!("the row {:?}", trial.title());
+        (title, place.out.join(trial.folder()))
+    };
+    // That a part of the method does not do alone is a result as well.
+    match kept_run::make_all(&slow, name, |trial| place.make(args, trial)) {
+        Made::Stopped(code) => Ok(code),
+        Made::Tried(tried) => {
+            place.summarise(args)?;
+            tried.map(|()| EXIT_OK)
         }
     }
-    place.summarise(args)?;
-    failed.map_or(Ok(EXIT_OK), Err)
 }
 
 /// The rows that were asked for.
@@ -108,7 +96,7 @@ impl Place {
             )
         })?;
         let found = MaskSet::find(&masks, &scene, args.polarity.map(Into::into))?;
-        if !args.quiet {
+        if !args.table.quiet {
             for note in &found.notes {
                 let _ = writeln!(std::io::stderr(), "{note}");
             }
@@ -142,14 +130,14 @@ impl Place {
     ) -> anyhow::Result<Vec<Trial>> {
         let plain = TrainArgs {
             scene: Some(args.scene.clone()),
-            preset: args.preset,
-            settings: args.settings.clone(),
+            preset: args.table.preset,
+            settings: args.table.settings.clone(),
             ..TrainArgs::default()
         };
         let first = Plan::new(&plain)?.config.seed;
         let rows = rows.into_iter();
         Ok(rows
-            .flat_map(|row| Trial::of(row, first, args.seeds))
+            .flat_map(|row| Trial::of(row, first, args.table.seeds))
             .collect())
     }
 
@@ -201,13 +189,13 @@ impl Place {
             }),
             polarity: args.polarity.filter(|_| start == Start::Masks),
             out: Some(self.out.join(trial.folder())),
-            preset: args.preset,
+            preset: args.table.preset,
             settings: SettingArgs {
-                set: args.settings.set.iter().cloned().chain(own).collect(),
-                ..args.settings.clone()
+                set: args.table.settings.set.iter().cloned().chain(own).collect(),
+                ..args.table.settings.clone()
             },
-            skip_checks: args.skip_checks,
-            quiet: args.quiet,
+            skip_checks: args.table.skip_checks,
+            quiet: args.table.quiet,
             ..TrainArgs::default()
         })
     }
@@ -224,7 +212,7 @@ impl Place {
         let state = self.state(trial);
         let is_run = matches!(trial.row.kind, Kind::Run { .. });
         let say = |what: &str| {
-            if !args.quiet {
+            if !args.table.quiet {
                 let _ = writeln!(std::io::stderr(), "== {}: {what}", trial.title());
             }
         };
@@ -246,10 +234,9 @@ impl Place {
             Kind::Masks => write_masks(&args.scene, &self.masks, args.polarity, &alpha)?,
             Kind::Hull => write_hull(&args.scene, &self.masks, args.polarity, &alpha)?,
             Kind::Run { .. } => {
-                let dir = self.out.join(trial.folder());
                 return self
                     .command(args, trial)
-                    .map_or(Ok(EXIT_OK), |command| kept_run::complete(command, &dir));
+                    .map_or(Ok(EXIT_OK), kept_run::complete);
             }
         };
         Ok(EXIT_OK)
@@ -282,14 +269,18 @@ impl Place {
             compared,
         });
         let scene = args.scene.display().to_string();
-        let ablation = Ablation::new(scene, words_of(args.preset, &args.settings), rows.collect());
+        let ablation = Ablation::new(
+            scene,
+            words_of(args.table.preset, &args.table.settings),
+            rows.collect(),
+        );
         // A table is the answer, however quiet all else is.
-        Voice::of(args.json, false).answer(&ablation, &ablation.table())?;
+        Voice::of(args.table.json, false).answer(&ablation, &ablation.table())?;
         let [markdown, json, html] = TABLE_FILES.map(|name| self.out.join(name));
         write_whole(&markdown, ablation.markdown().as_bytes())?;
         write_whole(&json, serde_json::to_string_pretty(&ablation)?.as_bytes())?;
         write_whole(&html, page.as_bytes())?;
-        if !args.quiet {
+        if !args.table.quiet {
             let _ = writeln!(
                 std::io::stderr(),
                 "the table is in {}, pictures in {}; {} compare puts other systems' masks beside them",

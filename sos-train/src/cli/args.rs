@@ -2,7 +2,9 @@
 
 mod scoring;
 
-pub use scoring::{AblateArgs, CompareArgs, DegradeArgs, EvalArgs, HullArgs, ResultsArgs};
+pub use scoring::{
+    AblateArgs, CompareArgs, DegradeArgs, EvalArgs, HullArgs, ResultsArgs, TableArgs,
+};
 
 use crate::config::{MaskPolarity, Preset};
 use crate::discover::hint::{Click, WorldBox};
@@ -322,6 +324,10 @@ pub struct ExportArgs {
     pub json: bool,
 }
 
+/// Of rendered frames, unless stated: the longer side in pixels, and how many a second.
+const FRAME_SIZE: u32 = 480;
+const FRAME_RATE: u32 = 24;
+
 /// `sos render`.
 #[derive(Debug, Clone, Args)]
 #[group(skip)]
@@ -339,10 +345,10 @@ pub struct RenderArgs {
     #[arg(long, value_name = "SCENE")]
     pub views: Option<PathBuf>,
     /// Longer side of the pictures in pixels.
-    #[arg(long, value_name = "PIXELS", default_value_t = 480, value_parser = clap::value_parser!(u32).range(16..=8192))]
+    #[arg(long, value_name = "PIXELS", default_value_t = FRAME_SIZE, value_parser = clap::value_parser!(u32).range(16..=8192))]
     pub size: u32,
     /// Frames a second of videos.
-    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=240))]
+    #[arg(long, value_name = "N", default_value_t = FRAME_RATE, value_parser = clap::value_parser!(u32).range(1..=240))]
     pub fps: u32,
     /// Folder to create [default: RUN/render/turntable, path or views].
     #[arg(long, value_name = "DIR")]
@@ -366,8 +372,8 @@ impl RenderArgs {
             turntable: None,
             path: None,
             views: None,
-            size: 480,
-            fps: 24,
+            size: FRAME_SIZE,
+            fps: FRAME_RATE,
             out: None,
             force: false,
             quiet: false,

@@ -1,13 +1,15 @@
-//! Runs that a table is made of: one that is there is kept, one that was stopped goes on.
+//! Runs that a table is made of: one that is there is kept, one that was stopped goes on, one that fails is said.
 
 use super::input::{NO_MASKS, Plan};
 use super::train::train_run;
-use super::{SettingArgs, TrainArgs};
+use super::{SettingArgs, TrainArgs, complain};
 use crate::config::{Preset, RunRecord};
-use crate::error::InputError;
+use crate::error::{EXIT_OK, InputError, sentence};
 use crate::run_folder::{RunError, RunFolder};
 use anyhow::Context as _;
+use scene_export::quoted;
 use std::fs;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// How far a run has come.
@@ -85,9 +87,9 @@ pub(super) fn check(command: &TrainArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Trains what is missing of the run in `dir`; gives the exit code.
-pub(super) fn complete(command: TrainArgs, dir: &Path) -> anyhow::Result<u8> {
-    let state = State::of(dir);
+/// Trains what is missing of the run of `command`, which names its folder; gives the exit code.
+pub(super) fn complete(command: TrainArgs) -> anyhow::Result<u8> {
+    let state = command.out.as_deref().map_or(State::Nothing, State::of);
     let (code, _) = train_run(&TrainArgs {
         resume: state == State::Saved,
         // A preset and a run to go on with exclude each other.
@@ -96,6 +98,44 @@ pub(super) fn complete(command: TrainArgs, dir: &Path) -> anyhow::Result<u8> {
         ..command
     })?;
     Ok(code)
+}
+
+/// How far a table came.
+pub(super) enum Made {
+    /// All has been tried: what failed last, if anything.
+    Tried(anyhow::Result<()>),
+    /// One was stopped, with this exit code.
+    Stopped(u8),
+}
+
+/// Makes each of a table's `parts`; one that fails is said and does not keep the others from being made. `name` gives
+/// what a part is called and its folder, `make` its exit code.
+pub(super) fn make_all<T>(
+    parts: &[T],
+    name: impl Fn(&T) -> (String, PathBuf),
+    make: impl Fn(&T) -> anyhow::Result<u8>,
+) -> Made {
+    let mut tried = Ok(());
+    for part in parts {
+        let (title, folder) = name(part);
+        match make(part) {
+            Ok(EXIT_OK) => {}
+            Ok(code) => {
+                let _ = writeln!(
+                    std::io::stderr(),
+                    "the table is not complete; the same command goes on with {}",
+                    quoted(&folder)
+                );
+                return Made::Stopped(code);
+            }
+            Err(error) => {
+                let error = error.context(format!("{title} failed"));
+                complain(&sentence(&error));
+                tried = Err(error);
+            }
+        }
+    }
+    Made::Tried(tried)
 }
 
 /// What all runs of a table are given, in the words of the command line; empty for the defaults.

@@ -3,14 +3,13 @@
 use super::answer::Voice;
 use super::hull::write_hull;
 use super::input::{NO_MASKS, Plan, generate_demo};
-use super::kept_run::{self, State, words_of};
+use super::kept_run::{self, Made, State, words_of};
 use super::train::whole_seconds;
-use super::{RenderArgs, ResultsArgs, SettingArgs, TrainArgs, complain, render};
-use crate::error::{EXIT_OK, InputError, sentence};
+use super::{RenderArgs, ResultsArgs, SettingArgs, TrainArgs, render};
+use crate::error::{EXIT_OK, InputError};
 use crate::results::{Results, Row, Run, Start};
 use crate::run_folder::{RunFolder, write_whole};
 use io_colmap::Scene;
-use scene_export::quoted;
 use sos_eval::{AlphaScore, EvalError, Fault, compare_folders, degrade_folder, run_eval};
 use std::fs;
 use std::io::Write as _;
@@ -31,75 +30,56 @@ pub(super) fn results(args: &ResultsArgs) -> anyhow::Result<u8> {
     let places = Place::all(args, &out)?;
     let cases = Case::all(args, &places, &out)?;
     let seeds = seeds(args)?;
+    let runs: Vec<(&Case<'_>, u64)> = cases
+        .iter()
+        .flat_map(|case| seeds.iter().map(move |&seed| (case, seed)))
+        .collect();
     // All that is there must belong to this table, before hours are spent on what is not.
-    for case in &cases {
-        for &seed in &seeds {
-            kept_run::check(&case.command(args, seed))?;
-        }
+    for (case, seed) in &runs {
+        kept_run::check(&case.command(args, *seed))?;
     }
-    if !args.quiet {
-        let wanted = cases
-            .iter()
-            .flat_map(|case| seeds.iter().map(|&seed| case.run(seed)));
-        let (there, missing): (Vec<_>, Vec<_>) =
-            wanted.partition(|run| State::of(run) == State::Finished);
+    if !args.table.quiet {
+        let there =
+            |(case, seed): &&(&Case<'_>, u64)| State::of(&case.run(*seed)) == State::Finished;
+        let there = runs.iter().filter(there).count();
         let _ = writeln!(
             std::io::stderr(),
-            "{} runs are to be made, {} are there",
-            missing.len(),
-            there.len()
+            "{} runs are to be made, {there} are there",
+            runs.len() - there
         );
     }
-    let mut failed = None;
-    for case in &cases {
-        for &seed in &seeds {
-            let code = match case.make(args, seed) {
-                Ok(code) => code,
-                // The others are worth having all the same.
-                Err(error) => {
-                    let error = error.context(format!("{} failed", case.title(seed)));
-                    complain(&sentence(&error));
-                    failed = Some(error);
-                    continue;
-                }
-            };
-            if code != EXIT_OK {
-                let _ = writeln!(
-                    std::io::stderr(),
-                    "the table is not complete; the same command goes on with {}",
-                    quoted(&case.run(seed))
-                );
-                return Ok(code);
-            }
-        }
-    }
+    let name = |(case, seed): &(&Case<'_>, u64)| (case.title(*seed), case.run(*seed));
+    let tried = match kept_run::make_all(&runs, name, |(case, seed)| case.make(args, *seed)) {
+        Made::Stopped(code) => return Ok(code),
+        Made::Tried(tried) => tried,
+    };
     let rows = cases.iter().map(|case| case.row(&seeds));
     let rows = rows.collect::<Result<Vec<_>, _>>()?;
     let results = Results::new(
-        words_of(args.preset, &args.settings),
+        words_of(args.table.preset, &args.table.settings),
         rows.into_iter()
             .filter(|row| !row.runs.is_empty())
             .collect(),
     );
-    Voice::of(args.json, false).answer(&results, &results.table())?;
+    Voice::of(args.table.json, false).answer(&results, &results.table())?;
     let [markdown, json] = TABLE_FILES.map(|name| out.join(name));
     write_whole(&markdown, results.markdown().as_bytes())?;
     write_whole(&json, serde_json::to_string_pretty(&results)?.as_bytes())?;
-    if !args.quiet {
+    if !args.table.quiet {
         let _ = writeln!(std::io::stderr(), "the table is in {}", markdown.display());
     }
-    failed.map_or(Ok(EXIT_OK), Err)
+    tried.map(|()| EXIT_OK)
 }
 
 /// The settings' seed and those after it.
 fn seeds(args: &ResultsArgs) -> anyhow::Result<Vec<u64>> {
     let plain = TrainArgs {
-        preset: args.preset,
-        settings: args.settings.clone(),
+        preset: args.table.preset,
+        settings: args.table.settings.clone(),
         ..TrainArgs::default()
     };
     let first = Plan::new(&plain)?.config.seed;
-    Ok((0..u64::from(args.seeds))
+    Ok((0..u64::from(args.table.seeds))
         .map(|i| first.wrapping_add(i))
         .collect())
 }
@@ -117,8 +97,7 @@ struct Place {
 impl Place {
     /// The scenes that were named, or the demo.
     fn all(args: &ResultsArgs, out: &Path) -> anyhow::Result<Vec<Self>> {
-        let mut scenes = args.scenes.clone();
-        if scenes.is_empty() {
+        if args.scenes.is_empty() {
             let demo = out.join("demo").join("scene");
             // Renamed when complete.
             if !demo.is_dir() {
@@ -127,15 +106,15 @@ impl Place {
             return Ok(vec![Self::find(&demo, "demo".to_owned())?]);
         }
         let mut places: Vec<Self> = Vec::new();
-        for scene in scenes.drain(..) {
-            let full = fs::canonicalize(&scene).unwrap_or_else(|_| scene.clone());
+        for scene in &args.scenes {
+            let full = fs::canonicalize(scene).unwrap_or_else(|_| scene.clone());
             let name = full.file_name().unwrap_or("scene".as_ref());
             let name = name.to_string_lossy().into_owned();
             if places.iter().any(|other| other.name == name) {
                 let wrong = format!("two of the scenes are called {name}");
-                return Err(InputError::new(&scene, wrong, "rename one of them").into());
+                return Err(InputError::new(scene, wrong, "rename one of them").into());
             }
-            places.push(Self::find(&scene, name)?);
+            places.push(Self::find(scene, name)?);
         }
         Ok(places)
     }
@@ -220,13 +199,13 @@ impl<'a> Case<'a> {
             scene: Some(self.place.scene.clone()),
             masks: Some(self.masks.clone().unwrap_or_else(|| NO_MASKS.into())),
             out: Some(self.run(seed)),
-            preset: args.preset,
+            preset: args.table.preset,
             settings: SettingArgs {
                 seed: Some(seed),
-                ..args.settings.clone()
+                ..args.table.settings.clone()
             },
-            skip_checks: args.skip_checks,
-            quiet: args.quiet,
+            skip_checks: args.table.skip_checks,
+            quiet: args.table.quiet,
             ..TrainArgs::default()
         }
     }
@@ -234,7 +213,7 @@ impl<'a> Case<'a> {
     /// Makes masks, hull, run and held-out views that are missing; gives the exit code.
     fn make(&self, args: &ResultsArgs, seed: u64) -> anyhow::Result<u8> {
         let say = |what: &str| {
-            if !args.quiet {
+            if !args.table.quiet {
                 let _ = writeln!(std::io::stderr(), "== {}: {what}", self.title(seed));
             }
         };
@@ -255,7 +234,7 @@ impl<'a> Case<'a> {
             say("is there");
         } else {
             say("training");
-            let code = kept_run::complete(self.command(args, seed), &run)?;
+            let code = kept_run::complete(self.command(args, seed))?;
             if code != EXIT_OK {
                 return Ok(code);
             }
@@ -308,8 +287,7 @@ impl<'a> Case<'a> {
         });
         Ok(Row {
             scene: self.place.name.clone(),
-            start: self.start.name(),
-            title: self.start.title(),
+            start: self.start,
             runs: scored.collect::<Result<_, _>>()?,
             masks: self.masks.as_deref().map_or(Ok(None), score)?,
             hull: score(&self.hull())?,

@@ -5,9 +5,8 @@
 
 mod table;
 
-use crate::ablation::Spread;
 use clap::ValueEnum as _;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use sos_eval::{AlphaScore, Fault, Report};
 
 /// What runs begin with.
@@ -64,16 +63,19 @@ impl Start {
     }
 }
 
+impl Serialize for Start {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(&self.name())
+    }
+}
+
 /// A scene's results from one start.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
     /// The scene's name.
     pub scene: String,
-    /// [`Start::name`].
-    pub start: String,
-    /// [`Start::title`].
-    #[serde(skip)]
-    pub title: &'static str,
+    /// What its runs began with.
+    pub start: Start,
     /// Scores of the masks that the runs began with; none where they had none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub masks: Option<AlphaScore>,
@@ -104,30 +106,16 @@ pub struct Run {
     pub heldout: Option<AlphaScore>,
 }
 
-/// Mean and spread over the runs of a row; no spread of a single one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct OverRuns {
-    pub(crate) mean: f64,
-    pub(crate) deviation: Option<f64>,
-}
-
 impl Row {
-    /// A score over the runs; none where a run has none of it.
-    pub(crate) fn over_runs(&self, score: impl Fn(&Run) -> Option<f64>) -> Option<OverRuns> {
+    /// A score of each run; none where one has none of it, or there is no run.
+    pub(crate) fn of_runs(&self, score: impl Fn(&Run) -> Option<f64>) -> Option<Vec<f64>> {
         let values: Vec<f64> = self.runs.iter().map(score).collect::<Option<_>>()?;
-        if values.is_empty() {
-            return None;
-        }
-        let spread = Spread::of(&values);
-        Some(OverRuns {
-            mean: values.iter().sum::<f64>() / values.len() as f64,
-            deviation: spread.map(|spread| spread.deviation),
-        })
+        (!values.is_empty()).then_some(values)
     }
 
     fn mean(&self, score: impl Fn(&AlphaScore) -> f64) -> Option<f64> {
-        let over = self.over_runs(|run| Some(score(&run.report.mean)))?;
-        Some(over.mean)
+        let values = self.of_runs(|run| Some(score(&run.report.mean)))?;
+        Some(values.iter().sum::<f64>() / values.len() as f64)
     }
 
     /// What of the start and its hull is not beaten by the mean of the runs, in IoU or boundary IoU.
@@ -206,8 +194,7 @@ mod tests {
         };
         Row {
             scene: "a|b".to_owned(),
-            start: "own".to_owned(),
-            title: Start::Own.title(),
+            start: Start::Own,
             masks,
             hull,
             runs: runs.iter().enumerate().map(run).collect(),
@@ -257,13 +244,9 @@ mod tests {
         ];
         let results = Results::new(String::new(), rows);
         assert!((results.mean_gain.unwrap() - 0.1).abs() < 1e-12);
-        let over = results.rows[0]
-            .over_runs(|run| Some(run.report.mean.iou))
-            .unwrap();
-        assert!((over.mean - 0.95).abs() < 1e-12);
-        assert!((over.deviation.unwrap() - 0.05 * 2f64.sqrt()).abs() < 1e-12);
-        // Every row is there, and a bar in a name is no column.
+        // Every row is there, with how far its runs lie apart, and a bar in a name is no column.
         let page = results.markdown();
+        assert!(page.contains("0.950 ± 0.071"), "{page}");
         assert_eq!(page.matches("a\\|b").count(), 3, "{page}");
         assert!(
             results

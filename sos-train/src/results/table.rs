@@ -1,6 +1,7 @@
 //! The table as text and as Markdown.
 
-use super::{OverRuns, Results, Row, Run};
+use super::{Results, Row, Run};
+use crate::ablation::Spread;
 use sos_eval::AlphaScore;
 use std::fmt::Write as _;
 
@@ -78,7 +79,7 @@ impl Results {
                 remarks.push(format!(
                     "{}, {}: not better than {} in both scores",
                     row.scene,
-                    row.title,
+                    row.start.title(),
                     unbeaten.join(" and ")
                 ));
             }
@@ -97,13 +98,13 @@ fn cells(row: &Row) -> [String; 9] {
     let mesh = |run: &Run| Some(100.0 * run.report.mesh.as_ref()?.relative.chamfer);
     [
         row.scene.clone(),
-        row.title.to_owned(),
+        row.start.title().to_owned(),
         masks,
         row.hull.as_ref().map_or("-".to_owned(), pair),
         both(row, |run| Some(&run.report.mean)),
-        number(row.over_runs(report), 2),
-        number(row.over_runs(plate), 1),
-        number(row.over_runs(mesh), 2),
+        number(row.of_runs(report), 2),
+        number(row.of_runs(plate), 1),
+        number(row.of_runs(mesh), 2),
         both(row, |run| run.heldout.as_ref()),
     ]
 }
@@ -114,24 +115,22 @@ fn pair(score: &AlphaScore) -> String {
 
 /// IoU and boundary IoU over the runs.
 fn both(row: &Row, of: impl Fn(&Run) -> Option<&AlphaScore>) -> String {
-    let iou = row.over_runs(|run| Some(of(run)?.iou));
-    let boundary = row.over_runs(|run| Some(of(run)?.boundary_iou));
-    match (iou, boundary) {
-        (Some(_), Some(_)) => format!("{}, {}", number(iou, 3), number(boundary, 3)),
-        _ => "-".to_owned(),
+    let iou = row.of_runs(|run| Some(of(run)?.iou));
+    let boundary = row.of_runs(|run| Some(of(run)?.boundary_iou));
+    if iou.is_none() {
+        return "-".to_owned();
     }
+    format!("{}, {}", number(iou, 3), number(boundary, 3))
 }
 
-fn number(over: Option<OverRuns>, decimals: usize) -> String {
-    match over {
-        None => "-".to_owned(),
-        Some(OverRuns {
-            mean,
-            deviation: None,
-        }) => format!("{mean:.decimals$}"),
-        Some(OverRuns {
-            mean,
-            deviation: Some(deviation),
-        }) => format!("{mean:.decimals$} ± {deviation:.decimals$}"),
+/// A single value, or mean and deviation of several.
+fn number(values: Option<Vec<f64>>, decimals: usize) -> String {
+    let Some(values) = values else {
+        return "-".to_owned();
+    };
+    match (Spread::of(&values), values.first()) {
+        (Some(spread), _) => spread.text(decimals),
+        (None, Some(value)) => format!("{value:.decimals$}"),
+        (None, None) => "-".to_owned(),
     }
 }

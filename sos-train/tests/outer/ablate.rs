@@ -1,41 +1,15 @@
 //! The table of what the method's parts are worth.
 
+use crate::tiny;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 
 /// Exit code, standard output and standard error of `sos ablate scene --out table …`.
 fn ablate(dir: &Path, more: &[&str]) -> (Option<i32>, String, String) {
-    let quick = [
-        "ablate",
-        "scene",
-        "--out",
-        "table",
-        "--preset",
-        "quick",
-        "--set",
-        "model.levels=4",
-        "--set",
-        "model.log2_table_size=10",
-        "--set",
-        "sampling.target_samples=2048",
-        "--set",
-        "sampling.occupancy_resolution=16",
-        "--set",
-        "export.mesh_resolution=16",
-        "--set",
-        "export.edge_rays=1",
-    ];
-    let output = Command::new(env!("CARGO_BIN_EXE_sos"))
-        .args([&quick[..], more].concat())
-        .current_dir(dir)
-        .output()
-        .unwrap();
-    let text = |bytes| String::from_utf8(bytes).unwrap();
-    (
-        output.status.code(),
-        text(output.stdout),
-        text(output.stderr),
+    tiny::table(
+        dir,
+        &[&["ablate", "scene", "--out", "table"], more].concat(),
     )
 }
 

@@ -22,3 +22,4 @@ mod manual;
 mod report;
 mod results;
 mod run_folder;
+mod tiny;

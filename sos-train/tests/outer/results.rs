@@ -1,43 +1,14 @@
 //! The table of what comes out of which masks.
 
+use crate::tiny;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 
 /// Exit code, standard output and standard error of `sos results … --out table`.
 fn results(dir: &Path, more: &[&str]) -> (Option<i32>, String, String) {
-    let quick = [
-        "results",
-        "--out",
-        "table",
-        "--preset",
-        "quick",
-        "--steps",
-        "3",
-        "--set",
-        "model.levels=4",
-        "--set",
-        "model.log2_table_size=10",
-        "--set",
-        "sampling.target_samples=2048",
-        "--set",
-        "sampling.occupancy_resolution=16",
-        "--set",
-        "export.mesh_resolution=16",
-        "--set",
-        "export.edge_rays=1",
-    ];
-    let output = Command::new(env!("CARGO_BIN_EXE_sos"))
-        .args([&quick[..], more].concat())
-        .current_dir(dir)
-        .output()
-        .unwrap();
-    let text = |bytes| String::from_utf8(bytes).unwrap();
-    (
-        output.status.code(),
-        text(output.stdout),
-        text(output.stderr),
-    )
+    let table = ["results", "--out", "table", "--steps", "3"];
+    tiny::table(dir, &[&table[..], more].concat())
 }
 
 fn scene_with_held_out_views(dir: &Path) {

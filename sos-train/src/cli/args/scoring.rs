@@ -94,6 +94,29 @@ fn share(text: &str) -> Result<f64, String> {
     }
 }
 
+/// What a table of runs is made with.
+#[derive(Debug, Clone, Args)]
+pub struct TableArgs {
+    /// Runs of each row, with seeds one after another; the table has their mean and spread [default: 1].
+    #[arg(long, value_name = "N", default_value_t = 1, hide_default_value = true, value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub seeds: u32,
+    /// Settings all rows start from: quick, default or paper [default: default].
+    #[arg(long, value_enum, value_name = "NAME", hide_possible_values = true)]
+    pub preset: Option<Preset>,
+    /// Over the preset.
+    #[command(flatten)]
+    pub settings: SettingArgs,
+    /// Train even where a check of a scene fails (sos doctor shows them).
+    #[arg(long)]
+    pub skip_checks: bool,
+    /// Print nothing but the table, errors and warnings.
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Print one JSON object instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// `sos ablate`.
 #[derive(Debug, Clone, Args)]
 pub struct AblateArgs {
@@ -117,27 +140,12 @@ pub struct AblateArgs {
     /// Instead of the paper's rows, the method with another choice for one setting at a time.
     #[arg(long)]
     pub decisions: bool,
-    /// Runs of each row, with seeds one after another; the table has their mean and spread [default: 1].
-    #[arg(long, value_name = "N", default_value_t = 1, hide_default_value = true, value_parser = clap::value_parser!(u32).range(1..=100))]
-    pub seeds: u32,
     /// Only this row, as its folder is called; may be repeated [default: all of the table].
     #[arg(long, value_name = "ROW", conflicts_with_all = ["rivals", "decisions"], value_parser = row)]
     pub only: Vec<Row>,
-    /// Settings all rows start from: quick, default or paper [default: default].
-    #[arg(long, value_enum, value_name = "NAME", hide_possible_values = true)]
-    pub preset: Option<Preset>,
-    /// Over the preset.
+    /// Of all its runs.
     #[command(flatten)]
-    pub settings: SettingArgs,
-    /// Train even where a check of the scene fails (sos doctor shows them).
-    #[arg(long)]
-    pub skip_checks: bool,
-    /// Print nothing but the table, errors and warnings.
-    #[arg(short, long)]
-    pub quiet: bool,
-    /// Print one JSON object instead of a table.
-    #[arg(long)]
-    pub json: bool,
+    pub table: TableArgs,
 }
 
 /// A row of the ablation by its name.
@@ -160,27 +168,12 @@ pub struct ResultsArgs {
     /// sos degrade; may be repeated [default: all].
     #[arg(long, value_name = "START", value_parser = start)]
     pub start: Vec<Start>,
-    /// Runs of each, with seeds one after another; the table has their mean and spread [default: 1].
-    #[arg(long, value_name = "N", default_value_t = 1, hide_default_value = true, value_parser = clap::value_parser!(u32).range(1..=100))]
-    pub seeds: u32,
     /// Folder for masks, runs and the table [default: runs/results].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Settings of all runs: quick, default or paper [default: default].
-    #[arg(long, value_enum, value_name = "NAME", hide_possible_values = true)]
-    pub preset: Option<Preset>,
-    /// Over the preset.
+    /// Of all its runs.
     #[command(flatten)]
-    pub settings: SettingArgs,
-    /// Train even where a check of a scene fails (sos doctor shows them).
-    #[arg(long)]
-    pub skip_checks: bool,
-    /// Print nothing but the table, errors and warnings.
-    #[arg(short, long)]
-    pub quiet: bool,
-    /// Print one JSON object instead of a table.
-    #[arg(long)]
-    pub json: bool,
+    pub table: TableArgs,
 }
 
 /// What a run begins with, by its name.
