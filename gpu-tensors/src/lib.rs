@@ -8,6 +8,8 @@
 //! Everything is behind the feature `cube`, which the runtimes' features (`wgpu`, `vulkan`,
 //! `metal`, `cuda`) turn on; without it the crate is empty, and so is its dependency tree.
 
+#[cfg(feature = "cube")]
+mod adam;
 #[cfg(feature = "wgpu")]
 mod adapters;
 #[cfg(feature = "cube")]
@@ -29,6 +31,8 @@ mod sums;
 #[cfg(feature = "cube")]
 mod tensor;
 
+#[cfg(feature = "cube")]
+pub use adam::{AdamRule, adam_step};
 #[cfg(feature = "wgpu")]
 pub use adapters::{Adapter, AdapterKind, adapters};
 #[cfg(feature = "cube")]
@@ -52,5 +56,5 @@ pub use sums::column_sums;
 #[cfg(feature = "cube")]
 pub use tensor::{
     UNITS, Uploaded, add, buffer, contiguous, contiguous_words, fresh, fresh_words, from_slice,
-    own, poison_fresh_memory, read, units_for, upload, zero_words, zeros,
+    own, points_at_once, poison_fresh_memory, read, units_for, upload, zero_words, zeros,
 };

@@ -1,20 +1,58 @@
 //! Weight gradients of layers: sums of outer products over all points.
 //!
 //! Library matrix products are made for large results; these are a few dozen wide and thousands to
-//! hundreds of thousands long. A thread adds up a block of eight by eight entries over one chunk of
-//! the points; another kernel adds the chunks.
+//! hundreds of thousands long. A workgroup brings some points of both matrices into its own memory, where each of its
+//! threads adds up a block of eight by eight entries; it goes on so through one chunk of the points. Another kernel adds
+//! the chunks.
+
+// What the macros generate has no documentation of its own.
+#![allow(missing_docs)]
 
 use burn_cubecl::cubecl;
+use burn_cubecl::cubecl::calculate_cube_count_elemwise;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use crate::points::{BLOCK, LANES, PointMatrix, Quad, padded};
-use crate::sums::add_rows;
-use crate::tensor::{buffer, fresh, units_for, zeros};
+use crate::sums::add_rows_apart;
+use crate::tensor::{buffer, fresh, zeros};
 
-/// Points that one thread adds up by itself: the order of the sum, and so its bits, depend on the
-/// number of points alone.
-const CHUNK: usize = 256;
+/// Points that are in a workgroup's memory at once, by fours.
+const DEPTH: usize = 4;
+
+/// Points that a workgroup adds up by itself: enough workgroups for large devices, few enough sums to add afterwards.
+/// The order of the sum, and so its bits, depend on the number of points alone.
+fn chunk(points: usize) -> usize {
+    const STEP: usize = DEPTH * LANES;
+    points.div_ceil(512).next_multiple_of(STEP).clamp(64, 256)
+}
+
+/// How a workgroup's threads share the entries: blocks of outputs by blocks of inputs, one for each thread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Tile {
+    outputs: usize,
+    inputs: usize,
+}
+
+impl Tile {
+    /// Blocks of outputs, and of inputs, that one workgroup takes at most: 72 threads, 8.5 KiB.
+    const MOST: [usize; 2] = [8, 9];
+
+    /// For a layer's gradient of so many outputs and inputs.
+    fn of(outputs: usize, inputs: usize) -> Self {
+        let [outputs, inputs] = [(outputs, Self::MOST[0]), (inputs, Self::MOST[1])].map(
+            |(count, most): (usize, usize)| {
+                let blocks = padded(count) / BLOCK;
+                blocks.div_ceil(blocks.div_ceil(most))
+            },
+        );
+        Self { outputs, inputs }
+    }
+
+    fn threads(self) -> usize {
+        self.outputs * self.inputs
+    }
+}
 
 /// The gradients of a layer `[outputs, inputs]` and its bias: `G X^T` for the gradients `G` of its
 /// outputs and its inputs `X`, whose last row is the bias' input.
@@ -26,14 +64,19 @@ pub fn layer_gradients(gradient: &PointMatrix, x: &PointMatrix) -> (CubeTensor, 
     if x.points == 0 {
         return (zeros(like, [outputs, inputs]), zeros(like, [outputs]));
     }
-    let chunks = x.points.div_ceil(CHUNK);
+    let chunk = chunk(x.points);
+    let chunks = x.points.div_ceil(chunk);
     let partial = fresh(like, [chunks, outputs * x.rows]);
-    let blocks = padded(outputs) / BLOCK * (padded(x.rows) / BLOCK);
-    let (count, dim) = units_for(&like.client, chunks * blocks);
-    // SAFETY: threads beyond the blocks return at once, and matrices are padded to whole blocks.
+    let tile = Tile::of(outputs, x.rows);
+    let tiles = (padded(outputs) / BLOCK).div_ceil(tile.outputs)
+        * (padded(x.rows) / BLOCK).div_ceil(tile.inputs);
+    let dim = CubeDim::new_1d(tile.threads() as u32);
+    let client = &like.client;
+    let count = calculate_cube_count_elemwise(client, chunks * tiles * tile.threads(), dim);
+    // SAFETY: workgroups beyond the tiles write nothing, and matrices are padded to whole blocks.
     unsafe {
         products_kernel::launch_unchecked(
-            &like.client,
+            client,
             count,
             dim,
             buffer(&gradient.data),
@@ -41,19 +84,18 @@ pub fn layer_gradients(gradient: &PointMatrix, x: &PointMatrix) -> (CubeTensor, 
             buffer(&partial),
             (x.points / LANES) as u32,
             chunks as u32,
+            (chunk / LANES) as u32,
             outputs,
             x.rows,
+            tile,
         );
     }
-    let weights = outputs * inputs;
-    (
-        add_rows(&partial, 0, [outputs, inputs]),
-        add_rows(&partial, weights, [outputs]),
-    )
+    add_rows_apart(&partial, [outputs, inputs], [outputs])
 }
 
-/// One thread for each block of entries and each chunk; a chunk's points are spread over all of them, so
-/// that neighbouring threads read neighbours. The last input's entries follow all others.
+/// One workgroup for each tile of entries and each chunk of points. The last input's entries follow all others.
+///
+/// A thread's rows are not next to each other but a tile's eighth apart, so that neighbours read neighbours.
 #[cube(launch_unchecked)]
 fn products_kernel(
     gradient: &[Quad],
@@ -61,54 +103,115 @@ fn products_kernel(
     partial: &mut [f32],
     quads: u32,
     chunks: u32,
+    chunk: u32,
     #[comptime] outputs: usize,
     #[comptime] inputs: usize,
+    #[comptime] tile: Tile,
 ) {
-    let (quads, chunks) = (quads as usize, chunks as usize);
-    let across = comptime!(padded(inputs) / BLOCK);
-    let (chunk, block) = (ABSOLUTE_POS % chunks, ABSOLUTE_POS / chunks);
-    let (i, j) = (block / across * BLOCK, block % across * BLOCK);
-    if i < outputs {
-        let mut sum = Array::<f32>::new(comptime!(BLOCK * BLOCK));
-        #[unroll]
-        for at in 0..comptime!(BLOCK * BLOCK) {
-            sum[at] = 0.0f32;
-        }
-        let mut at = chunk;
-        while at < quads {
-            let mut right = Array::<Quad>::new(BLOCK);
+    let (quads, chunks, chunk_quads) = (quads as usize, chunks as usize, chunk as usize);
+    let across = comptime!((padded(inputs) / BLOCK).div_ceil(tile.inputs));
+    let (chunk, number) = (CUBE_POS % chunks, CUBE_POS / chunks);
+    let first_output = number / across * comptime!(tile.outputs * BLOCK);
+    let first_input = number % across * comptime!(tile.inputs * BLOCK);
+    let unit = UNIT_POS as usize;
+    let (a, b) = (unit / comptime!(tile.inputs), unit % comptime!(tile.inputs));
+    let mut left = Shared::<[Quad]>::new_slice(comptime!(DEPTH * tile.outputs * BLOCK));
+    let mut right = Shared::<[Quad]>::new_slice(comptime!(DEPTH * tile.inputs * BLOCK));
+    let mut sum = Array::<f32>::new(comptime!(BLOCK * BLOCK));
+    #[unroll]
+    for at in 0..comptime!(BLOCK * BLOCK) {
+        sum[at] = 0.0f32;
+    }
+    let first = chunk * chunk_quads;
+    let end = min(first + chunk_quads, quads);
+    // As often in all threads: none may miss a meeting.
+    let mut start = first;
+    while start < end {
+        bring(
+            gradient,
+            &mut left,
+            (first_output, outputs),
+            (start, end),
+            quads,
+            comptime!(tile.outputs * BLOCK),
+            tile,
+        );
+        bring(
+            x,
+            &mut right,
+            (first_input, inputs),
+            (start, end),
+            quads,
+            comptime!(tile.inputs * BLOCK),
+            tile,
+        );
+        sync_cube();
+        for d in 0..comptime!(DEPTH) {
+            let left_at = d * comptime!(tile.outputs * BLOCK) + a;
+            let right_at = d * comptime!(tile.inputs * BLOCK) + b;
+            let mut others = Array::<Quad>::new(BLOCK);
             #[unroll]
-            for b in 0..BLOCK {
-                right[b] = x[(j + b) * quads + at];
+            for j in 0..BLOCK {
+                others[j] = right[right_at + comptime!(j * tile.inputs)];
             }
             #[unroll]
-            for a in 0..BLOCK {
-                let left = gradient[(i + a) * quads + at];
+            for i in 0..BLOCK {
+                let one = left[left_at + comptime!(i * tile.outputs)];
                 #[unroll]
-                for b in 0..BLOCK {
-                    let product = left * right[b];
-                    sum[comptime!(a * BLOCK + b)] += (product.extract(0usize)
-                        + product.extract(1usize))
-                        + (product.extract(2usize) + product.extract(3usize));
+                for j in 0..BLOCK {
+                    let other = others[j];
+                    let mut entry = sum[comptime!(i * BLOCK + j)];
+                    #[unroll]
+                    for lane in 0..LANES {
+                        entry = fma(one.extract(lane), other.extract(lane), entry);
+                    }
+                    sum[comptime!(i * BLOCK + j)] = entry;
                 }
             }
-            at += chunks;
         }
-        let first = chunk * comptime!(outputs * inputs);
+        sync_cube();
+        start += DEPTH;
+    }
+    let from = chunk * comptime!(outputs * inputs);
+    #[unroll]
+    for i in 0..BLOCK {
         #[unroll]
-        for a in 0..BLOCK {
-            #[unroll]
-            for b in 0..BLOCK {
-                let (output, input) = (i + a, j + b);
-                if output < outputs && input < inputs {
-                    let entry = select(
-                        input == comptime!(inputs - 1),
-                        comptime!(outputs * (inputs - 1)) + output,
-                        output * comptime!(inputs - 1) + input,
-                    );
-                    partial[first + entry] = sum[comptime!(a * BLOCK + b)];
-                }
+        for j in 0..BLOCK {
+            let output = first_output + a + comptime!(i * tile.outputs);
+            let input = first_input + b + comptime!(j * tile.inputs);
+            if output < outputs && input < inputs {
+                let entry = select(
+                    input == comptime!(inputs - 1),
+                    comptime!(outputs * (inputs - 1)) + output,
+                    output * comptime!(inputs - 1) + input,
+                );
+                partial[from + entry] = sum[comptime!(i * BLOCK + j)];
             }
         }
+    }
+}
+
+/// Brings points into the workgroup's memory: `height` rows from the first on, and of their `stride` quads those from the
+/// start on; zeros beyond what there is of either.
+#[cube]
+fn bring(
+    matrix: &[Quad],
+    staged: &mut [Quad],
+    rows: (usize, usize),
+    points: (usize, usize),
+    stride: usize,
+    #[comptime] height: usize,
+    #[comptime] tile: Tile,
+) {
+    let mut at = UNIT_POS as usize;
+    while at < comptime!(DEPTH * height) {
+        let (row, d) = (at / DEPTH, at % DEPTH);
+        let (from, quad) = (rows.0 + row, points.0 + d);
+        let mut value = Quad::new(0.0f32);
+        if from < rows.1 && quad < points.1 {
+            value = matrix[from * stride + quad];
+        }
+        staged[d * height + row] = value;
+        at += comptime!(tile.threads());
     }
 }

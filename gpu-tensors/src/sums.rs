@@ -8,6 +8,11 @@ use crate::tensor::{buffer, fresh, units_for, zeros};
 
 /// Rows that one thread adds up by itself.
 const CHUNK: usize = 256;
+/// Columns that a workgroup adds up, and threads that share the rows of each.
+const COLUMNS: usize = 32;
+const PARTS: usize = 8;
+/// Rows that a thread asks for before it waits for the first.
+const AHEAD: usize = 4;
 
 /// The sums of `count` columns of `[n, width]`, from `first` on: `[count]`; zeros when there are no rows.
 #[must_use]
@@ -21,12 +26,36 @@ pub fn column_sums(matrix: &CubeTensor, first: usize, count: usize) -> CubeTenso
     add_rows(&partial, 0, [count])
 }
 
-/// The same by one thread for each column, for few rows, in a shape that says how many columns.
-pub(crate) fn add_rows<const D: usize>(
+/// The same of all columns in turn, as two tensors of which the shapes say how many columns each has.
+pub(crate) fn add_rows_apart<const D: usize, const E: usize>(
     matrix: &CubeTensor,
-    first: usize,
-    shape: [usize; D],
-) -> CubeTensor {
+    first: [usize; D],
+    then: [usize; E],
+) -> (CubeTensor, CubeTensor) {
+    let (one, other) = (fresh(matrix, first), fresh(matrix, then));
+    let count: usize = first.iter().product();
+    let (rows, width) = (matrix.meta.shape()[0], matrix.meta.shape()[1]);
+    let dim = CubeDim::new_1d((PARTS * COLUMNS) as u32);
+    let cubes = CubeCount::new_1d(width.div_ceil(COLUMNS) as u32);
+    // SAFETY: threads beyond the columns write nothing, and rows end with the matrix.
+    unsafe {
+        apart_kernel::launch_unchecked(
+            &matrix.client,
+            cubes,
+            dim,
+            buffer(matrix),
+            buffer(&one),
+            buffer(&other),
+            rows as u32,
+            width as u32,
+            count as u32,
+        );
+    }
+    (one, other)
+}
+
+/// The same of few rows, by one thread for each column.
+fn add_rows<const D: usize>(matrix: &CubeTensor, first: usize, shape: [usize; D]) -> CubeTensor {
     let out = fresh(matrix, shape);
     let rows = matrix.meta.shape()[0];
     launch(matrix, first, shape.iter().product(), rows, &out);
@@ -75,5 +104,56 @@ fn chunk_sums(
             sum += matrix[row * width + first_column + column];
         }
         sums[ABSOLUTE_POS] = sum;
+    }
+}
+
+/// One workgroup for [`COLUMNS`] columns. A thread takes every eighth row, and asks for several at a time, for they come
+/// from far; what the threads of a column have is added in order.
+#[cube(launch_unchecked)]
+fn apart_kernel(
+    matrix: &[f32],
+    first: &mut [f32],
+    then: &mut [f32],
+    rows: u32,
+    width: u32,
+    count: u32,
+) {
+    let (rows, width, count) = (rows as usize, width as usize, count as usize);
+    let unit = UNIT_POS as usize;
+    let (part, within) = (unit / COLUMNS, unit % COLUMNS);
+    let column = CUBE_POS * COLUMNS + within;
+    let mut shares = Shared::<[f32]>::new_slice(comptime!(PARTS * COLUMNS));
+    let mut sum = 0.0f32;
+    if column < width {
+        let mut row = part;
+        while row + comptime!((AHEAD - 1) * PARTS) < rows {
+            let mut some = Array::<f32>::new(AHEAD);
+            #[unroll]
+            for i in 0..AHEAD {
+                some[i] = matrix[(row + comptime!(i * PARTS)) * width + column];
+            }
+            #[unroll]
+            for i in 0..AHEAD {
+                sum += some[i];
+            }
+            row += comptime!(AHEAD * PARTS);
+        }
+        while row < rows {
+            sum += matrix[row * width + column];
+            row += PARTS;
+        }
+    }
+    shares[unit] = sum;
+    sync_cube();
+    if part == 0 && column < width {
+        #[unroll]
+        for i in 1..PARTS {
+            sum += shares[within + comptime!(i * COLUMNS)];
+        }
+        if column < count {
+            first[column] = sum;
+        } else {
+            then[column - count] = sum;
+        }
     }
 }

@@ -10,6 +10,8 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::numeric;
 use burn_cubecl::tensor::CubeTensor;
 
+use crate::points::{BLOCK, padded};
+
 /// Threads of a workgroup: two or four planes on today's GPUs, within every device's limits.
 pub const UNITS: u32 = 64;
 
@@ -60,6 +62,26 @@ pub fn fresh<const D: usize>(like: &CubeTensor, shape: [usize; D]) -> CubeTensor
         return filled(like, shape, f32::NAN);
     }
     empty(like, shape, DType::F32)
+}
+
+/// A row-major tensor of arbitrary content where `like` is, and of its shape.
+pub(crate) fn empty_like(like: &CubeTensor) -> CubeTensor {
+    numeric::empty_device_contiguous_dtype(
+        like.client.clone(),
+        like.device.clone(),
+        like.meta.shape().clone(),
+        DType::F32,
+    )
+}
+
+/// The most points, whole blocks of them, whose matrices of so many `rows` a device binds as one buffer each, up to a
+/// number that no step of training exceeds and that is no burden to anybody's memory.
+#[must_use]
+pub fn points_at_once(like: &CubeTensor, rows: usize) -> usize {
+    const MOST: usize = 1 << 17;
+    let values = like.client.properties().memory.max_page_size as usize / size_of::<f32>();
+    let points = (values / padded(rows)).min(MOST);
+    (points / BLOCK * BLOCK).max(BLOCK)
 }
 
 /// A row-major tensor of zeros where `like` is.

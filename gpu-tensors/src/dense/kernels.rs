@@ -1,4 +1,5 @@
-//! The kernels of a layer: weights in rows of whole blocks, then products with them.
+//! The kernels of a layer: weights in rows of whole blocks and products with them, or products of tiles that a
+//! workgroup's threads share.
 
 // What the macros generate has no documentation of its own.
 #![allow(missing_docs)]
@@ -33,18 +34,7 @@ pub(super) fn pack_kernel(
     let width = comptime!(padded(outputs));
     let (i, o) = (ABSOLUTE_POS / width, ABSOLUTE_POS % width);
     if i < inputs {
-        let mut value = 0.0f32;
-        if o < outputs {
-            if comptime!(biased) {
-                if i < comptime!(inputs - 1) {
-                    value = weight[o * comptime!(inputs - 1) + i];
-                } else {
-                    value = bias[o];
-                }
-            } else {
-                value = weight[i * outputs + o];
-            }
-        }
+        let value = weight_at(weight, bias, i, o, inputs, outputs, biased);
         packed[ABSOLUTE_POS] = value;
     }
 }
@@ -69,15 +59,66 @@ pub(super) fn dense_kernel(
     if output < width {
         let strides = (width, x_stride as usize);
         let sum = products(weights, output, x, point, strides, used as usize, inputs);
-        finish(&sum, gate, y, point, output, blocks, outputs, activation);
+        finish(&sum, gate, y, (point, point + 1), output, blocks, outputs, activation);
     }
 }
 
-/// The same, where a workgroup has one block of outputs and a block of points for each thread, and reads
-/// the weights of its outputs once, into its own memory.
+/// How the threads of a workgroup share a tile of a layer: each takes a block of outputs at a block of points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Tile {
+    /// Blocks of outputs.
+    pub(super) outputs: usize,
+    /// Blocks of points.
+    pub(super) points: usize,
+    /// Inputs in the workgroup's memory at once.
+    depth: usize,
+}
+
+impl Tile {
+    /// Blocks of outputs that one workgroup takes at most.
+    const MOST_OUTPUTS: usize = 8;
+    /// Numbers in the workgroup's memory at once: a little over half of the 16 KiB that every device has.
+    const MOST_VALUES: usize = 2304;
+
+    /// For a layer of so many outputs, which tiles share as evenly as whole blocks allow.
+    pub(super) fn of(outputs: usize) -> Self {
+        let blocks = padded(outputs) / BLOCK;
+        let outputs = blocks.div_ceil(blocks.div_ceil(Self::MOST_OUTPUTS));
+        let points = UNITS as usize / outputs;
+        let across = (outputs + points) * BLOCK;
+        let depth = [16, 8, 4, 2]
+            .into_iter()
+            .find(|depth| depth * across <= Self::MOST_VALUES)
+            .unwrap_or(1);
+        Self {
+            outputs,
+            points,
+            depth,
+        }
+    }
+
+    /// Bytes of a workgroup's memory.
+    pub(super) fn bytes(self) -> usize {
+        self.depth * (self.outputs + self.points) * BLOCK * size_of::<f32>()
+    }
+
+    fn output_quads(self) -> usize {
+        self.outputs * QUADS
+    }
+
+    fn point_quads(self) -> usize {
+        self.points * QUADS
+    }
+}
+
+/// The same by tiles: a workgroup brings some inputs' weights and values into its own memory, all of its threads
+/// multiply them, and so on through the inputs. Weights are read as the layer has them.
+///
+/// A thread's points are not next to each other but a tile's half apart, so that neighbours read neighbours.
 #[cube(launch_unchecked)]
-pub(super) fn staged_kernel(
-    weights: &[Quad],
+pub(super) fn tiled_kernel(
+    weight: &[f32],
+    bias: &[f32],
     x: &[Quad],
     gate: &[Quad],
     y: &mut [Quad],
@@ -86,39 +127,111 @@ pub(super) fn staged_kernel(
     x_stride: u32,
     #[comptime] inputs: usize,
     #[comptime] outputs: usize,
+    #[comptime] biased: bool,
     #[comptime] activation: Activation,
+    #[comptime] tile: Tile,
 ) {
-    let blocks = blocks as usize;
+    let (blocks, used, x_stride) = (blocks as usize, used as usize, x_stride as usize);
     let units = comptime!(UNITS as usize);
-    let groups = (blocks + comptime!(UNITS as usize - 1)) / units;
-    let width = comptime!(padded(outputs) / LANES);
+    let groups = (blocks + comptime!(tile.points - 1)) / comptime!(tile.points);
     let unit = UNIT_POS as usize;
-    let block = CUBE_POS % groups * units + unit;
-    let output = CUBE_POS / groups * QUADS;
-    let mut staged = Shared::<[Quad]>::new_slice(comptime!(inputs * QUADS));
-    // No thread may leave before all have met.
-    if output < width {
+    let first_quad = CUBE_POS % groups * comptime!(tile.point_quads());
+    let first_output = CUBE_POS / groups * comptime!(tile.outputs * BLOCK);
+    let (point, output) = (unit % comptime!(tile.points), unit / comptime!(tile.points));
+    let mut values = Shared::<[Quad]>::new_slice(comptime!(tile.depth * tile.point_quads()));
+    let mut weights = Shared::<[Quad]>::new_slice(comptime!(tile.depth * tile.output_quads()));
+    let mut sum = Array::<Quad>::new(comptime!(BLOCK * QUADS));
+    #[unroll]
+    for i in 0..comptime!(BLOCK * QUADS) {
+        sum[i] = Quad::new(0.0f32);
+    }
+    let mut start = 0usize.runtime();
+    // As often in all threads: none may miss a meeting.
+    while start <= used {
         let mut at = unit;
-        while at < comptime!(inputs * QUADS) {
-            staged[at] = weights[at / QUADS * width + output + at % QUADS];
+        while at < comptime!(tile.depth * tile.point_quads()) {
+            let i = start + at / comptime!(tile.point_quads());
+            let quad = first_quad + at % comptime!(tile.point_quads());
+            let mut value = Quad::new(0.0f32);
+            if i <= used && quad < blocks * QUADS {
+                value = x[select(i == used, comptime!(inputs - 1), i) * x_stride + quad];
+            }
+            values[at] = value;
             at += units;
         }
+        at = unit;
+        while at < comptime!(tile.depth * tile.output_quads()) {
+            let i = start + at / comptime!(tile.output_quads());
+            let o = first_output + at % comptime!(tile.output_quads()) * LANES;
+            let mut four = Quad::new(0.0f32);
+            if i <= used {
+                let row = select(i == used, comptime!(inputs - 1), i);
+                #[unroll]
+                for lane in 0..LANES {
+                    four.insert(
+                        lane,
+                        weight_at(weight, bias, row, o + lane, inputs, outputs, biased),
+                    );
+                }
+            }
+            weights[at] = four;
+            at += units;
+        }
+        sync_cube();
+        if output < comptime!(tile.outputs) {
+            // Not unrolled: compilers take long over a thousand products, and know themselves what suits them.
+            for i in 0..comptime!(tile.depth) {
+                let w_at = i * comptime!(tile.output_quads()) + output * QUADS;
+                let v_at = i * comptime!(tile.point_quads()) + point;
+                #[unroll]
+                for q in 0..QUADS {
+                    let w = weights[w_at + q];
+                    #[unroll]
+                    for p in 0..QUADS {
+                        let v = values[v_at + comptime!(p * tile.points)];
+                        #[unroll]
+                        for lane in 0..LANES {
+                            let at = comptime!((q * LANES + lane) * QUADS + p);
+                            sum[at] = fma(Quad::new(w.extract(lane)), v, sum[at]);
+                        }
+                    }
+                }
+            }
+        }
+        sync_cube();
+        start += comptime!(tile.depth);
     }
-    sync_cube();
-    if output < width && block < blocks {
-        let point = block * QUADS;
-        let strides = (QUADS.runtime(), x_stride as usize);
-        let sum = products(
-            &staged,
-            0usize.runtime(),
-            x,
-            point,
-            strides,
-            used as usize,
-            inputs,
-        );
-        finish(&sum, gate, y, point, output, blocks, outputs, activation);
+    let output = first_output / LANES + output * QUADS;
+    if unit < comptime!(tile.points * tile.outputs) && output < comptime!(padded(outputs) / LANES) {
+        let quads = (first_quad + point, first_quad + point + comptime!(tile.points));
+        finish(&sum, gate, y, quads, output, blocks, outputs, activation);
     }
+}
+
+/// A weight of output `o` by input `i`: of the bias for the last input of a layer that has one, zero beyond the outputs.
+#[cube]
+fn weight_at(
+    weight: &[f32],
+    bias: &[f32],
+    i: usize,
+    o: usize,
+    #[comptime] inputs: usize,
+    #[comptime] outputs: usize,
+    #[comptime] biased: bool,
+) -> f32 {
+    let mut value = 0.0f32;
+    if o < outputs {
+        if comptime!(biased) {
+            if i < comptime!(inputs - 1) {
+                value = weight[o * comptime!(inputs - 1) + i];
+            } else {
+                value = bias[o];
+            }
+        } else {
+            value = weight[i * outputs + o];
+        }
+    }
+    value
 }
 
 /// A block of outputs at a block of points: the first `used` inputs and the last one count. An input's
@@ -159,42 +272,42 @@ fn products(
     sum
 }
 
-/// What follows the products, and writing it.
+/// What follows the products, and writing it at both quads of points, those that there are.
 #[cube]
 fn finish(
     sum: &Array<Quad>,
     gate: &[Quad],
     y: &mut [Quad],
-    point: usize,
+    quads: (usize, usize),
     output: usize,
     blocks: usize,
     #[comptime] outputs: usize,
     #[comptime] activation: Activation,
 ) {
     let stride = blocks * QUADS;
-    let first = output * LANES * stride + point;
     #[unroll]
-    for row in 0..BLOCK {
-        #[unroll]
-        for p in 0..QUADS {
-            let at = first + row * stride + p;
-            let mut value = sum[comptime!(row * QUADS + p)];
-            let zero = Quad::new(0.0f32);
-            if comptime!(activation == Activation::ReluAndOne) {
-                value = max(value, zero);
-            }
-            if comptime!(activation == Activation::Gated) {
-                value = select_many(gate[at].greater_than(&zero), value, zero);
-            }
-            y[at] = value;
-        }
-    }
-    if comptime!(activation == Activation::ReluAndOne) {
-        // In the thread of the last block, which has padding there itself.
-        if output + QUADS == comptime!(padded(outputs) / LANES) {
+    for p in 0..QUADS {
+        let point = if comptime!(p == 0) { quads.0 } else { quads.1 };
+        if point < stride {
+            let first = output * LANES * stride + point;
             #[unroll]
-            for p in 0..QUADS {
-                y[outputs * stride + point + p] = Quad::new(1.0f32);
+            for row in 0..BLOCK {
+                let at = first + row * stride;
+                let mut value = sum[comptime!(row * QUADS + p)];
+                let zero = Quad::new(0.0f32);
+                if comptime!(activation == Activation::ReluAndOne) {
+                    value = max(value, zero);
+                }
+                if comptime!(activation == Activation::Gated) {
+                    value = select_many(gate[at].greater_than(&zero), value, zero);
+                }
+                y[at] = value;
+            }
+            if comptime!(activation == Activation::ReluAndOne) {
+                // In the thread of the last block, which has padding there itself.
+                if output + QUADS == comptime!(padded(outputs) / LANES) {
+                    y[outputs * stride + point] = Quad::new(1.0f32);
+                }
             }
         }
     }

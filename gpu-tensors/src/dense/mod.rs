@@ -1,28 +1,31 @@
 //! A layer of a network at many points.
 //!
 //! One thread takes eight outputs at eight points: 16 numbers read for 64 multiplications, where a thread
-//! that takes one point reads two for each. Threads of a workgroup take the same outputs, and so the same
-//! weights: where those are read is what [`WeightReads`] says.
+//! that takes one point reads two for each. Where it reads them is what [`WeightReads`] says.
 
 mod kernels;
 mod weight_reads;
+
+use std::sync::OnceLock;
 
 use burn_cubecl::cubecl::client::Client;
 use burn_cubecl::tensor::CubeTensor;
 
 use crate::points::{BLOCK, LANES, PointMatrix, padded};
 use crate::tensor::{UNITS, buffer, fresh, units_for};
-use kernels::{Activation, dense_kernel, pack_kernel, staged_kernel};
+use kernels::{Activation, Tile, dense_kernel, pack_kernel, tiled_kernel};
 pub use weight_reads::WeightReads;
 
-/// A layer's weights as the kernel reads them: a row of all outputs for each input, padded to whole
-/// blocks.
+/// A layer, or the way back through it.
 #[derive(Clone, Debug)]
 pub struct Packed {
-    data: CubeTensor,
+    weight: CubeTensor,
+    bias: Option<CubeTensor>,
     inputs: usize,
     outputs: usize,
     reads: Option<WeightReads>,
+    /// See [`Packed::rows`].
+    rows: OnceLock<CubeTensor>,
 }
 
 impl Packed {
@@ -41,28 +44,37 @@ impl Packed {
     }
 
     fn new(weight: &CubeTensor, bias: Option<&CubeTensor>, inputs: usize, outputs: usize) -> Self {
-        let data = fresh(weight, [inputs, padded(outputs)]);
-        let (count, dim) = units_for(&data.client, inputs * padded(outputs));
-        // SAFETY: threads beyond the entries return at once, and weights are read where they exist.
-        unsafe {
-            pack_kernel::launch_unchecked(
-                &data.client,
-                count,
-                dim,
-                buffer(weight),
-                buffer(bias.unwrap_or(weight)),
-                buffer(&data),
-                inputs,
-                outputs,
-                bias.is_some(),
-            );
-        }
         Self {
-            data,
+            weight: weight.clone(),
+            bias: bias.cloned(),
             inputs,
             outputs,
             reads: None,
+            rows: OnceLock::new(),
         }
+    }
+
+    /// The weights as threads read them by themselves: a row of all outputs for each input, padded to whole blocks.
+    fn rows(&self) -> &CubeTensor {
+        self.rows.get_or_init(|| {
+            let rows = fresh(&self.weight, [self.inputs, padded(self.outputs)]);
+            let (count, dim) = units_for(&rows.client, self.inputs * padded(self.outputs));
+            // SAFETY: threads beyond the entries return at once, and weights are read where they exist.
+            unsafe {
+                pack_kernel::launch_unchecked(
+                    &rows.client,
+                    count,
+                    dim,
+                    buffer(&self.weight),
+                    buffer(self.bias.as_ref().unwrap_or(&self.weight)),
+                    buffer(&rows),
+                    self.inputs,
+                    self.outputs,
+                    self.bias.is_some(),
+                );
+            }
+            rows
+        })
     }
 
     /// The same, reading its weights there instead of where [`WeightReads::faster`] says.
@@ -145,32 +157,36 @@ impl Packed {
             self.inputs, x.rows,
             "Packed: inputs of the layer and rows of the matrix"
         );
-        let blocks = y.points / BLOCK;
-        let rows = padded(used.outputs) / BLOCK;
-        if blocks == 0 {
+        if y.points == 0 {
             return;
         }
-        let client = &y.data.client;
         let reads = self.reads.unwrap_or_else(|| WeightReads::faster(&y.data));
-        let shared = reads == WeightReads::Shared && self.fits_a_workgroup(client);
-        let units = if shared {
-            blocks.next_multiple_of(UNITS as usize) * rows
+        let tile = Tile::of(self.outputs);
+        if reads == WeightReads::Shared && tile.bytes() <= shared_memory(&y.data.client) {
+            self.launch_tiles(x, y, gate, activation, used, tile);
         } else {
-            blocks * rows
-        };
-        let (count, dim) = units_for(client, units);
-        let launch = if shared {
-            staged_kernel::launch_unchecked
-        } else {
-            dense_kernel::launch_unchecked
-        };
+            self.launch_threads(x, y, gate, activation, used);
+        }
+    }
+
+    fn launch_threads(
+        &self,
+        x: &PointMatrix,
+        y: &PointMatrix,
+        gate: Option<&PointMatrix>,
+        activation: Activation,
+        used: Used,
+    ) {
+        let blocks = y.points / BLOCK;
+        let client = &y.data.client;
+        let (count, dim) = units_for(client, blocks * (padded(used.outputs) / BLOCK));
         // SAFETY: threads beyond the blocks write nothing; matrices are padded to whole blocks.
         unsafe {
-            launch(
+            dense_kernel::launch_unchecked(
                 client,
                 count,
                 dim,
-                buffer(&self.data),
+                buffer(self.rows()),
                 buffer(&x.data),
                 buffer(&gate.unwrap_or(x).data),
                 buffer(&y.data),
@@ -184,11 +200,47 @@ impl Packed {
         }
     }
 
-    /// Whether a block of outputs' weights are no more than what threads of a workgroup may share.
-    fn fits_a_workgroup(&self, client: &Client) -> bool {
-        let bytes = self.inputs * BLOCK * size_of::<f32>();
-        bytes <= client.properties().hardware.max_shared_memory_size
+    fn launch_tiles(
+        &self,
+        x: &PointMatrix,
+        y: &PointMatrix,
+        gate: Option<&PointMatrix>,
+        activation: Activation,
+        used: Used,
+        tile: Tile,
+    ) {
+        let blocks = y.points / BLOCK;
+        let groups = blocks.div_ceil(tile.points);
+        let tiles = (padded(used.outputs) / BLOCK).div_ceil(tile.outputs);
+        let client = &y.data.client;
+        let (count, dim) = units_for(client, groups * tiles * UNITS as usize);
+        // SAFETY: threads beyond the tiles write nothing; matrices are padded to whole blocks.
+        unsafe {
+            tiled_kernel::launch_unchecked(
+                client,
+                count,
+                dim,
+                buffer(&self.weight),
+                buffer(self.bias.as_ref().unwrap_or(&self.weight)),
+                buffer(&x.data),
+                buffer(&gate.unwrap_or(x).data),
+                buffer(&y.data),
+                blocks as u32,
+                used.inputs as u32,
+                (x.points / LANES) as u32,
+                self.inputs,
+                self.outputs,
+                self.bias.is_some(),
+                activation,
+                tile,
+            );
+        }
     }
+}
+
+/// Bytes that a workgroup's threads may share.
+fn shared_memory(client: &Client) -> usize {
+    client.properties().hardware.max_shared_memory_size
 }
 
 /// How much of a layer is wanted.

@@ -15,7 +15,7 @@ use crate::tensor::zeros;
 pub enum WeightReads {
     /// Where they are: each thread by itself, from what the caches hold.
     Cached,
-    /// From memory that a workgroup shares, into which it copies those of its outputs first.
+    /// From memory that a workgroup shares, into which its threads bring them, and the points' values, tile by tile.
     Shared,
 }
 

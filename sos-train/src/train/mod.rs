@@ -1,5 +1,6 @@
 //! The training loop and what it keeps.
 
+mod adam;
 pub mod agreement;
 pub mod batch;
 pub mod blend;
@@ -28,7 +29,7 @@ pub mod visible;
 
 use std::sync::Arc;
 
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use burn::optim::{GradientsParams, ModuleOptimizer};
 use glam::Vec3;
 use hashgrid::{LazyAdam, SparseGrad};
 use neus_render::march::{Grids, MarchConfig};
@@ -450,14 +451,6 @@ pub(crate) fn space<'a>(
         background: (config.model.fields != Fields::Object).then_some(&grids.background),
     };
     (grids, partition)
-}
-
-/// Optimisers as the method has them: Adam with an epsilon that suits hash tables.
-fn adam() -> ModuleOptimizer {
-    AdamConfig::new()
-        .with_beta_2(0.99)
-        .with_epsilon(1e-15)
-        .init()
 }
 
 /// The accumulators shared between the ops and the optimisers.

@@ -7,17 +7,14 @@ mod kernels;
 use burn::backend::{Cube, TensorMetadata, tensor::FloatTensor};
 use gpu_tensors::cubecl::prelude::BufferArg;
 use gpu_tensors::{
-    CubeTensor, Packed, PointMatrix, buffer, contiguous, fresh, layer_gradients, padded, units_for,
-    upload,
+    CubeTensor, Packed, PointMatrix, buffer, contiguous, fresh, layer_gradients, padded,
+    points_at_once, units_for, upload,
 };
 
 use super::backward::{Arguments, ColourFieldBackward};
 use super::{ColourFieldOps, Output, Reading};
 use crate::cube::{Sum, chunks};
 use kernels::{Form, Sizes, finish_kernel, geometry_kernel, input_kernel, outputs_kernel};
-
-/// Points whose activations are in memory at once: at the default sizes 56 MB on the way back.
-const CHUNK: usize = 32_768;
 
 /// What backward needs: the op's inputs.
 #[derive(Clone, Debug)]
@@ -80,6 +77,13 @@ impl Saved {
         }
     }
 
+    /// Points whose activations are in memory at once: at the default sizes 1.7 kB each on the way back.
+    fn at_once(&self) -> usize {
+        let sizes = self.sizes();
+        let widest = sizes.hidden1.max(sizes.hidden2).max(sizes.inputs()) + 1;
+        points_at_once(&self.points, widest)
+    }
+
     /// Factor on the directions that the network sees.
     fn view_share(&self) -> f32 {
         match self.output {
@@ -110,7 +114,7 @@ impl Saved {
         let (n, sizes) = (self.points(), self.sizes());
         let out = fresh(&self.points, [n, sizes.columns()]);
         let layers = self.layers();
-        for (first, count) in chunks(n, CHUNK) {
+        for (first, count) in chunks(n, self.at_once()) {
             let [.., y] = self.activations(&layers, first, count);
             let client = &out.client;
             let (cubes, dim) = units_for(client, count);
@@ -270,7 +274,7 @@ impl ColourFieldBackward for Cube {
         let layers = [saved.layers(), [w1, w2, w3].map(Packed::backward)];
         let mut weights = [w1, w2, w3].map(|w| Sum::new(w, [w.shape()[0], w.shape()[1]]));
         let mut biases = [w1, w2, w3].map(|w| Sum::new(w, [w.shape()[0]]));
-        for (first, count) in chunks(n, CHUNK) {
+        for (first, count) in chunks(n, saved.at_once()) {
             let parts = saved.backward(&layers, &grad, &geometry, first, count);
             for (l, (inputs, d_outputs)) in parts.iter().enumerate() {
                 let (weight, bias) = layer_gradients(d_outputs, inputs);

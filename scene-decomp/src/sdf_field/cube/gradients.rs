@@ -8,7 +8,7 @@ use gpu_tensors::{
 use hashgrid::cube::level_words;
 
 use super::kernels::{hidden_kernel, normals_kernel, outputs_kernel, scatter_kernel};
-use super::{CHUNK, Saved, SdfFieldGradients};
+use super::{Saved, SdfFieldGradients};
 use crate::cube::{Sum, chunks};
 
 /// A part of the points.
@@ -40,7 +40,7 @@ pub(super) fn gradients(
         hidden_back: Packed::backward(&saved.w1),
         output_back: Packed::backward(&saved.w2),
     };
-    for (first, count) in chunks(saved.points.shape()[0], CHUNK) {
+    for (first, count) in chunks(saved.points.shape()[0], saved.at_once()) {
         let across = padded(count);
         let part = Part {
             first,

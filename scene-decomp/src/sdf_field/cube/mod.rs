@@ -8,8 +8,8 @@ mod kernels;
 
 use burn::backend::{Cube, TensorMetadata, tensor::FloatTensor};
 use gpu_tensors::{
-    CubeTensor, LANES, Packed, PointMatrix, buffer, contiguous, fresh, padded, units_for, upload,
-    zeros,
+    CubeTensor, LANES, Packed, PointMatrix, buffer, contiguous, fresh, padded, points_at_once,
+    units_for, upload, zeros,
 };
 use hashgrid::TableReads;
 use hashgrid::cube::{DeviceTable, Entries, Half, Single, is_smooth, level_words};
@@ -19,9 +19,6 @@ use super::{Normal, SdfFieldConfig, SdfFieldOps};
 use crate::cube::chunks;
 use gradients::gradients;
 use kernels::{Sizes, activate_kernel, encode_kernel, finish_kernel};
-
-/// Points whose activations are in memory at once: at the default sizes 80 MB on the way back.
-const CHUNK: usize = 32_768;
 
 /// What backward needs: the op's inputs, the table as kernels read it.
 #[derive(Clone, Debug)]
@@ -55,6 +52,14 @@ impl Saved {
         }
     }
 
+    /// Points whose activations are in memory at once: at the default sizes 2.4 kB each on the way back.
+    fn at_once(&self) -> usize {
+        let sizes = self.sizes();
+        // With normals, backward's matrices are twice as wide.
+        let widest = 2 * sizes.hidden.max(sizes.inputs()).max(sizes.outputs) + 2;
+        points_at_once(&self.points, widest.max(sizes.derivatives()))
+    }
+
     /// Inputs of the network that are not zero, the bias' aside.
     fn active_inputs(&self) -> usize {
         3 + 2 * self.config.active_levels
@@ -71,7 +76,7 @@ impl Saved {
         let hidden = Packed::forward(&self.w1, &self.b1);
         let output = Packed::forward(&self.w2, &self.b2);
         let back = Packed::backward(&self.w1);
-        for (first, count) in chunks(n, CHUNK) {
+        for (first, count) in chunks(n, self.at_once()) {
             let across = padded(count);
             let (x, jacobian) = self.encode(first, count, across);
             let z = hidden.apply_first(&x, self.active_inputs());
