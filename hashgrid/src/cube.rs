@@ -203,24 +203,38 @@ pub fn blend<E: Entries>(cell: &Cell, table: &[E::Word]) -> Blend {
     }
 }
 
-/// Adds the gradients of a cell's values and derivatives to its corners' entries of `grad`.
+/// The gradients of one feature of a cell at a point, and of its derivatives by the position.
+#[derive(CubeType, Clone, Copy)]
+pub struct FeatureGradient {
+    /// Of the feature.
+    pub value: f32,
+    /// Of its derivative along x.
+    pub x: f32,
+    /// Along y.
+    pub y: f32,
+    /// Along z.
+    pub z: f32,
+}
+
+/// Adds the gradients of a cell's value and derivatives to its corners' entries of `grad`, of one of both features.
+///
+/// A thread takes one: its neighbour takes the other in the same instruction, and memory that adds by lines is asked
+/// once for both.
 #[cube]
-pub fn scatter<A: AtomicSum>(grad: &[Atomic<A::Word>], cell: &Cell, d: &Blend) {
+pub fn scatter<A: AtomicSum>(
+    grad: &[Atomic<A::Word>],
+    cell: &Cell,
+    feature: usize,
+    d: &FeatureGradient,
+) {
     #[unroll]
     for c in 0..8u32 {
         let (ux, uy, uz) = comptime!((c & 1 == 1, c >> 1 & 1 == 1, c >> 2 == 1));
         let (x, dx) = factor(&cell.x, ux);
         let (y, dy) = factor(&cell.y, uy);
         let (z, dz) = factor(&cell.z, uz);
-        let weight = x * (y * z);
-        let (along_x, along_y, along_z) = (dx * (y * z), dy * (x * z), dz * (x * y));
-        let at = entry(cell, c) * 2;
-        let sum = Pair::new(weight) * d.value
-            + Pair::new(along_x) * d.x
-            + Pair::new(along_y) * d.y
-            + Pair::new(along_z) * d.z;
-        A::add(&grad[at], sum.extract(0usize));
-        A::add(&grad[at + 1], sum.extract(1usize));
+        let sum = x * (y * z) * d.value + dx * (y * z) * d.x + dy * (x * z) * d.y + dz * (x * y) * d.z;
+        A::add(&grad[entry(cell, c) * 2 + feature], sum);
     }
 }
 

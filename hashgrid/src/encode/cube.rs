@@ -10,8 +10,8 @@ use super::backward::EncodeBackward;
 use super::{EncodeConfig, EncodeOps};
 use crate::config::TableReads;
 use crate::cube::{
-    Blend, DeviceTable, Entries, Half, Pair, Single, blend, is_smooth, level_words, locate, pair,
-    scatter,
+    DeviceTable, Entries, FeatureGradient, Half, Pair, Single, blend, is_smooth, level_words, locate,
+    pair, scatter,
 };
 use crate::layout::FEATURES;
 use cubecl::prelude::*;
@@ -170,7 +170,7 @@ fn table_gradient<A: AtomicSum>(
         return;
     }
     let client = &out.client;
-    let (count, dim) = units_for(client, n * config.active_levels);
+    let (count, dim) = units_for(client, FEATURES * n * config.active_levels);
     // SAFETY: threads beyond the points return at once; `level_words` has checked the levels.
     unsafe {
         table_kernel::launch_unchecked::<A>(
@@ -237,7 +237,7 @@ fn forward_kernel<E: Entries>(
     }
 }
 
-/// Thread `i` adds what point `i % n` gives to the entries of level `i / n`.
+/// Threads `2 i` and `2 i + 1` add what point `i % n` gives to both features of the entries of level `i / n`.
 #[cube(launch_unchecked)]
 fn table_kernel<A: AtomicSum>(
     points: &[f32],
@@ -251,7 +251,8 @@ fn table_kernel<A: AtomicSum>(
     #[comptime] smooth: bool,
 ) {
     let n = n as usize;
-    let (point, level) = (ABSOLUTE_POS % n, ABSOLUTE_POS / n);
+    let (feature, number) = (ABSOLUTE_POS % FEATURES, ABSOLUTE_POS / FEATURES);
+    let (point, level) = (number % n, number / n);
     if level < active as usize {
         let p = point * 3;
         let cell = locate(
@@ -262,20 +263,19 @@ fn table_kernel<A: AtomicSum>(
             level,
             smooth,
         );
-        let at = (point * level_count + level) * 2 * width;
-        let zero = Pair::new(0.0f32);
-        let mut d = Blend {
-            value: pair(grad[at], grad[at + width]),
-            x: zero,
-            y: zero,
-            z: zero,
+        let at = ((point * level_count + level) * FEATURES + feature) * width;
+        let mut d = FeatureGradient {
+            value: grad[at],
+            x: 0.0f32,
+            y: 0.0f32,
+            z: 0.0f32,
         };
         if comptime!(width > 1) {
-            d.x = pair(grad[at + 1], grad[at + width + 1]);
-            d.y = pair(grad[at + 2], grad[at + width + 2]);
-            d.z = pair(grad[at + 3], grad[at + width + 3]);
+            d.x = grad[at + 1];
+            d.y = grad[at + 2];
+            d.z = grad[at + 3];
         }
-        scatter::<A>(table, &cell, &d);
+        scatter::<A>(table, &cell, feature, &d);
     }
 }
 

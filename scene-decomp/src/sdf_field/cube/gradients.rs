@@ -5,6 +5,7 @@ use gpu_tensors::{
     AtomicSum, CompareAndSwap, CubeTensor, LANES, NativeSum, Packed, PointMatrix, buffer,
     has_native_sum, layer_gradients, padded, units_for, upload,
 };
+use hashgrid::FEATURES;
 use hashgrid::cube::level_words;
 
 use super::kernels::{hidden_kernel, normals_kernel, outputs_kernel, scatter_kernel};
@@ -184,7 +185,7 @@ impl Saved {
             return;
         }
         let client = &table.client;
-        let (cubes, dim) = units_for(client, part.across * active);
+        let (cubes, dim) = units_for(client, FEATURES * part.across * active);
         // SAFETY: threads beyond points and levels return at once; `level_words` has checked the levels.
         unsafe {
             scatter_kernel::launch_unchecked::<A>(

@@ -4,7 +4,8 @@
 //! as wide: beside a point's own column is a second one, of its normal's gradient.
 
 use gpu_tensors::{AtomicSum, LANES, Quad, cubecl, sigmoid, softplus};
-use hashgrid::cube::{Blend, Entries, Pair, blend, locate, pair, scatter};
+use hashgrid::FEATURES;
+use hashgrid::cube::{Entries, FeatureGradient, blend, locate, scatter};
 
 use cubecl::prelude::*;
 
@@ -291,7 +292,7 @@ pub(super) fn hidden_kernel(
 
 /// Adds the gradients of `count` points to the table's: `dx` of the features, and `g` in second columns.
 ///
-/// One thread for each point and active level.
+/// One thread for each of both features, point and active level.
 #[cube(launch_unchecked)]
 pub(super) fn scatter_kernel<A: AtomicSum>(
     points: &[f32],
@@ -307,7 +308,8 @@ pub(super) fn scatter_kernel<A: AtomicSum>(
     #[comptime] sizes: Sizes,
 ) {
     let across = across as usize;
-    let (point, level) = (ABSOLUTE_POS % across, ABSOLUTE_POS / across);
+    let (feature, number) = (ABSOLUTE_POS % FEATURES, ABSOLUTE_POS / FEATURES);
+    let (point, level) = (number % across, number / across);
     if point < count as usize && level < active as usize {
         let p = first as usize + point;
         let cell = locate(
@@ -318,25 +320,24 @@ pub(super) fn scatter_kernel<A: AtomicSum>(
             level,
             sizes.smooth,
         );
-        let k = 3 + 2 * level;
-        let zero = Pair::new(0.0f32);
-        let mut d = Blend {
-            value: zero,
-            x: zero,
-            y: zero,
-            z: zero,
+        let k = 3 + FEATURES * level + feature;
+        let mut d = FeatureGradient {
+            value: 0.0f32,
+            x: 0.0f32,
+            y: 0.0f32,
+            z: 0.0f32,
         };
         if comptime!(sizes.normal) {
             let row = 2 * k * across + point;
-            d.value = pair(dx[row], dx[row + 2 * across]);
-            let g = Pair::new(scale) * pair(dx[row + across], dx[row + 3 * across]);
+            d.value = dx[row];
+            let g = scale * dx[row + across];
             let at = p * comptime!(sizes.outputs + 3) + comptime!(sizes.outputs);
-            d.x = g * Pair::new(grad[at]);
-            d.y = g * Pair::new(grad[at + 1]);
-            d.z = g * Pair::new(grad[at + 2]);
+            d.x = g * grad[at];
+            d.y = g * grad[at + 1];
+            d.z = g * grad[at + 2];
         } else {
-            d.value = pair(dx[k * across + point], dx[(k + 1) * across + point]);
+            d.value = dx[k * across + point];
         }
-        scatter::<A>(table, &cell, &d);
+        scatter::<A>(table, &cell, feature, &d);
     }
 }
