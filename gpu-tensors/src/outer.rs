@@ -117,10 +117,11 @@ fn products_kernel(
     let (a, b) = (unit / comptime!(tile.inputs), unit % comptime!(tile.inputs));
     let mut left = Shared::<[Quad]>::new_slice(comptime!(DEPTH * tile.outputs * BLOCK));
     let mut right = Shared::<[Quad]>::new_slice(comptime!(DEPTH * tile.inputs * BLOCK));
-    let mut sum = Array::<f32>::new(comptime!(BLOCK * BLOCK));
+    // Variables one by one: what a shader calls an array some drivers keep in memory.
+    let mut sum = Sequence::<RuntimeCell<f32>>::new();
     #[unroll]
-    for at in 0..comptime!(BLOCK * BLOCK) {
-        sum[at] = 0.0f32;
+    for _ in 0..comptime!(BLOCK * BLOCK) {
+        sum.push(RuntimeCell::new(0.0f32));
     }
     let first = chunk * chunk_quads;
     let end = min(first + chunk_quads, quads);
@@ -149,10 +150,10 @@ fn products_kernel(
         for d in 0..comptime!(DEPTH) {
             let left_at = d * comptime!(tile.outputs * BLOCK) + a;
             let right_at = d * comptime!(tile.inputs * BLOCK) + b;
-            let mut others = Array::<Quad>::new(BLOCK);
+            let mut others = Sequence::<Quad>::new();
             #[unroll]
             for j in 0..BLOCK {
-                others[j] = right[right_at + comptime!(j * tile.inputs)];
+                others.push(right[right_at + comptime!(j * tile.inputs)]);
             }
             #[unroll]
             for i in 0..BLOCK {
@@ -160,12 +161,12 @@ fn products_kernel(
                 #[unroll]
                 for j in 0..BLOCK {
                     let other = others[j];
-                    let mut entry = sum[comptime!(i * BLOCK + j)];
+                    let mut entry = sum[comptime!(i * BLOCK + j)].read();
                     #[unroll]
                     for lane in 0..LANES {
                         entry = fma(one.extract(lane), other.extract(lane), entry);
                     }
-                    sum[comptime!(i * BLOCK + j)] = entry;
+                    sum[comptime!(i * BLOCK + j)].store(entry);
                 }
             }
         }
@@ -185,7 +186,7 @@ fn products_kernel(
                     comptime!(outputs * (inputs - 1)) + output,
                     output * comptime!(inputs - 1) + input,
                 );
-                partial[from + entry] = sum[comptime!(i * BLOCK + j)];
+                partial[from + entry] = sum[comptime!(i * BLOCK + j)].read();
             }
         }
     }

@@ -127,10 +127,10 @@ fn apart_kernel(
     if column < width {
         let mut row = part;
         while row + comptime!((AHEAD - 1) * PARTS) < rows {
-            let mut some = Array::<f32>::new(AHEAD);
+            let mut some = Sequence::<f32>::new();
             #[unroll]
             for i in 0..AHEAD {
-                some[i] = matrix[(row + comptime!(i * PARTS)) * width + column];
+                some.push(matrix[(row + comptime!(i * PARTS)) * width + column]);
             }
             #[unroll]
             for i in 0..AHEAD {

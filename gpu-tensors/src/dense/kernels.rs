@@ -21,6 +21,20 @@ pub(super) enum Activation {
     Gated,
 }
 
+/// A block of outputs at a block of points, in a thread's registers: variables one by one, for what a shader calls an
+/// array some drivers keep in memory, even where each index is a constant.
+type Block = Sequence<RuntimeCell<Quad>>;
+
+#[cube]
+fn nothing() -> Block {
+    let mut block = Block::new();
+    #[unroll]
+    for _ in 0..comptime!(BLOCK * QUADS) {
+        block.push(RuntimeCell::new(Quad::new(0.0f32)));
+    }
+    block
+}
+
 /// One thread per entry.
 #[cube(launch_unchecked)]
 pub(super) fn pack_kernel(
@@ -140,11 +154,7 @@ pub(super) fn tiled_kernel(
     let (point, output) = (unit % comptime!(tile.points), unit / comptime!(tile.points));
     let mut values = Shared::<[Quad]>::new_slice(comptime!(tile.depth * tile.point_quads()));
     let mut weights = Shared::<[Quad]>::new_slice(comptime!(tile.depth * tile.output_quads()));
-    let mut sum = Array::<Quad>::new(comptime!(BLOCK * QUADS));
-    #[unroll]
-    for i in 0..comptime!(BLOCK * QUADS) {
-        sum[i] = Quad::new(0.0f32);
-    }
+    let sum = nothing();
     let mut start = 0usize.runtime();
     // As often in all threads: none may miss a meeting.
     while start <= used {
@@ -192,7 +202,8 @@ pub(super) fn tiled_kernel(
                         #[unroll]
                         for lane in 0..LANES {
                             let at = comptime!((q * LANES + lane) * QUADS + p);
-                            sum[at] = fma(Quad::new(w.extract(lane)), v, sum[at]);
+                            let more = fma(Quad::new(w.extract(lane)), v, sum[at].read());
+                            sum[at].store(more);
                         }
                     }
                 }
@@ -245,12 +256,8 @@ fn products(
     strides: (usize, usize),
     used: usize,
     #[comptime] inputs: usize,
-) -> Array<Quad> {
-    let mut sum = Array::<Quad>::new(comptime!(BLOCK * QUADS));
-    #[unroll]
-    for i in 0..comptime!(BLOCK * QUADS) {
-        sum[i] = Quad::new(0.0f32);
-    }
+) -> Block {
+    let sum = nothing();
     for i in 0..used + 1 {
         let row = select(i == used, comptime!(inputs - 1), i);
         let w_at = row * strides.0 + output;
@@ -264,7 +271,8 @@ fn products(
                 #[unroll]
                 for lane in 0..LANES {
                     let at = comptime!((q * LANES + lane) * QUADS + p);
-                    sum[at] += Quad::new(w.extract(lane)) * v;
+                    let more = sum[at].read() + Quad::new(w.extract(lane)) * v;
+                    sum[at].store(more);
                 }
             }
         }
@@ -275,7 +283,7 @@ fn products(
 /// What follows the products, and writing it at both quads of points, those that there are.
 #[cube]
 fn finish(
-    sum: &Array<Quad>,
+    sum: &Block,
     gate: &[Quad],
     y: &mut [Quad],
     quads: (usize, usize),
@@ -293,7 +301,7 @@ fn finish(
             #[unroll]
             for row in 0..BLOCK {
                 let at = first + row * stride;
-                let mut value = sum[comptime!(row * QUADS + p)];
+                let mut value = sum[comptime!(row * QUADS + p)].read();
                 let zero = Quad::new(0.0f32);
                 if comptime!(activation == Activation::ReluAndOne) {
                     value = max(value, zero);
