@@ -1,13 +1,14 @@
-//! Pixels: one thread walks a ray from front to back.
+//! Pixels: a workgroup takes a ray, and its threads an interval each, tile after tile.
 
 use gpu_tensors::cubecl;
 
-use super::opacity::{log_survival, nothing, opacity};
-use super::{Kinds, Starts, factor_of_colour, factor_of_opacity, parameters, ray_at};
+use super::interval::{factor_of_colour, interval_at, ray_at, weights};
+use super::workgroup::{Combined, Pair, SCAN, UNITS, column_sum, columns_size, scan};
+use super::{Kinds, Starts, parameters};
 use crate::composite::{MatteRole, background_column, column, object_column};
 use cubecl::prelude::*;
 
-/// One thread per ray; writes all columns of its pixel.
+/// One workgroup per ray; writes all columns of its pixel.
 #[cube(launch_unchecked)]
 pub(super) fn forward_kernel(
     object: &[f32],
@@ -22,114 +23,97 @@ pub(super) fn forward_kernel(
     log_epsilon: f32,
     #[comptime] kinds: Kinds,
 ) {
-    let number = ABSOLUTE_POS;
-    if number < starts.rays as usize {
-        let ray = ray_at(index, &starts, number);
-        let of_object = parameters(sharpness, 0usize, cos_anneal, log_epsilon);
-        let of_background = parameters(sharpness, 1usize, cos_anneal, log_epsilon);
-        let mut object_row = ray.object;
-        let mut background_row = ray.background;
-        let mut joint = 1.0f32;
-        let mut alone_f = 1.0f32;
-        let mut alone_b = 1.0f32;
-        let mut object_log = 0.0f32;
-        let mut matte = 0.0f32;
-        let mut joint_depth = 0.0f32;
-        let mut object_depth = 0.0f32;
-        let mut mark0 = 0.0f32;
-        let mut mark1 = 0.0f32;
-        let mut held = 0.0f32;
-        let mut held_alone = 0.0f32;
-        let mut joint_colour = Array::<f32>::new(3usize);
-        let mut object_colour = Array::<f32>::new(3usize);
-        let mut background_colour = Array::<f32>::new(3usize);
-        for interval in ray.first..ray.end {
-            let t = times[2 * interval];
-            let dt = times[2 * interval + 1];
-            let mut f = nothing();
-            let mut b = nothing();
-            let mut has_f = false;
-            let mut has_b = false;
-            if object_row < ray.object_end {
-                has_f = index[ray.object_index + object_row] as usize == interval;
+    let mut scanned = Shared::<[f32]>::new_slice(comptime!(SCAN));
+    let mut summed = Shared::<[f32]>::new_slice(comptime!(columns_size(column::COUNT)));
+    let unit = UNIT_POS as usize;
+    let ray = ray_at(index, &starts, CUBE_POS);
+    let of_object = parameters(sharpness, 0usize, cos_anneal, log_epsilon);
+    let of_background = parameters(sharpness, 1usize, cos_anneal, log_epsilon);
+    // What this thread's intervals add to the pixel.
+    let mut pixel = Array::<f32>::new(comptime!(column::COUNT));
+    #[unroll]
+    for c in 0..comptime!(column::COUNT) {
+        pixel[c] = 0.0f32;
+    }
+    let mut alone_f = 1.0f32;
+    let mut alone_b = 1.0f32;
+    for tile in 0..ray.tiles {
+        let number = ray.first + tile * UNITS + unit;
+        let here = interval_at(
+            object,
+            background,
+            index,
+            times,
+            &ray,
+            number,
+            &of_object,
+            &of_background,
+            kinds,
+        );
+        let survival = Pair {
+            object: here.f.survival,
+            background: here.b.survival,
+        };
+        let so_far = Pair {
+            object: alone_f,
+            background: alone_b,
+        };
+        let light = scan(&mut scanned, unit, survival, so_far, Combined::Product);
+        let w = weights(
+            &here.f,
+            &here.b,
+            light.before.object,
+            light.before.background,
+        );
+        if here.has_f {
+            let at = here.object_row * comptime!(kinds.object_width);
+            let value = object[at + comptime!(object_column::MATTE)];
+            let head = factor_of_colour(value, kinds.matte);
+            #[unroll]
+            for c in 0..3usize {
+                let colour = object[at + comptime!(object_column::COLOUR + c)];
+                pixel[comptime!(column::JOINT_COLOUR + c)] += w.f * head * colour;
+                pixel[comptime!(column::OBJECT_COLOUR + c)] += w.f_alone * head * colour;
             }
-            if background_row < ray.background_end {
-                has_b = index[ray.background_index + background_row] as usize == interval;
+            if comptime!(kinds.matte == MatteRole::Colour) {
+                pixel[comptime!(column::HEAD)] += w.f * head;
+                pixel[comptime!(column::HEAD_ALONE)] += w.f_alone * head;
             }
-            let at_f = object_row * comptime!(kinds.object_width);
-            let at_b = background_row * comptime!(kinds.background_width);
-            if has_f {
-                let sdf = object[at_f + comptime!(object_column::SDF)];
-                let slope = object[at_f + comptime!(object_column::SLOPE)];
-                let log = log_survival(&of_object, sdf, slope, dt, kinds.object);
-                let value = object[at_f + comptime!(object_column::MATTE)];
-                f = opacity(log, factor_of_opacity(value, kinds.matte));
+            if comptime!(kinds.marked) {
+                let row = here.object_row;
+                pixel[comptime!(column::MARKS)] += w.f * marks[2 * row];
+                pixel[comptime!(column::MARKS + 1)] += w.f * marks[2 * row + 1];
             }
-            if has_b {
-                let sdf = background[at_b + comptime!(background_column::SDF)];
-                let slope = background[at_b + comptime!(background_column::SLOPE)];
-                let log = log_survival(&of_background, sdf, slope, dt, kinds.background);
-                b = opacity(log, 1.0f32);
-            }
-            let w_f = joint * f.alpha * (1.0f32 - 0.5f32 * b.alpha);
-            let w_b = joint * b.alpha * (1.0f32 - 0.5f32 * f.alpha);
-            if has_f {
-                let weight = alone_f * f.alpha;
-                let value = object[at_f + comptime!(object_column::MATTE)];
-                let head = factor_of_colour(value, kinds.matte);
-                for c in 0..3usize {
-                    let colour = object[at_f + comptime!(object_column::COLOUR) + c];
-                    joint_colour[c] += w_f * head * colour;
-                    object_colour[c] += weight * head * colour;
-                }
-                if comptime!(kinds.matte == MatteRole::Colour) {
-                    held += w_f * head;
-                    held_alone += weight * head;
-                }
-                if comptime!(kinds.marked) {
-                    mark0 += w_f * marks[2 * object_row];
-                    mark1 += w_f * marks[2 * object_row + 1];
-                }
-                matte += w_f;
-                object_depth += weight * t;
-                object_row += 1;
-            }
-            if has_b {
-                let weight = alone_b * b.alpha;
-                for c in 0..3usize {
-                    let colour = background[at_b + comptime!(background_column::COLOUR) + c];
-                    joint_colour[c] += w_b * colour;
-                    background_colour[c] += weight * colour;
-                }
-                if comptime!(kinds.marked) {
-                    let row = starts.objects as usize + background_row;
-                    mark0 += w_b * marks[2 * row];
-                    mark1 += w_b * marks[2 * row + 1];
-                }
-                background_row += 1;
-            }
-            joint_depth += (w_f + w_b) * t;
-            joint *= f.survival * b.survival;
-            alone_f *= f.survival;
-            alone_b *= b.survival;
-            object_log += f.log;
+            pixel[comptime!(column::MATTE)] += w.f;
+            pixel[comptime!(column::OBJECT_DEPTH)] += w.f_alone * here.t;
+            pixel[comptime!(column::OBJECT_LOG_TRANSMITTANCE)] += here.f.log;
         }
-        let at = number * comptime!(column::COUNT);
-        for c in 0..3usize {
-            out[at + comptime!(column::JOINT_COLOUR) + c] = joint_colour[c];
-            out[at + comptime!(column::OBJECT_COLOUR) + c] = object_colour[c];
-            out[at + comptime!(column::BACKGROUND_COLOUR) + c] = background_colour[c];
+        if here.has_b {
+            let at = here.background_row * comptime!(kinds.background_width);
+            #[unroll]
+            for c in 0..3usize {
+                let colour = background[at + comptime!(background_column::COLOUR + c)];
+                pixel[comptime!(column::JOINT_COLOUR + c)] += w.b * colour;
+                pixel[comptime!(column::BACKGROUND_COLOUR + c)] += w.b_alone * colour;
+            }
+            if comptime!(kinds.marked) {
+                let row = starts.objects as usize + here.background_row;
+                pixel[comptime!(column::MARKS)] += w.b * marks[2 * row];
+                pixel[comptime!(column::MARKS + 1)] += w.b * marks[2 * row + 1];
+            }
         }
-        out[at + comptime!(column::MATTE)] = matte;
-        out[at + comptime!(column::OBJECT_OPACITY)] = 1.0f32 - alone_f;
-        out[at + comptime!(column::OBJECT_LOG_TRANSMITTANCE)] = object_log;
-        out[at + comptime!(column::BACKGROUND_OPACITY)] = 1.0f32 - alone_b;
-        out[at + comptime!(column::JOINT_DEPTH)] = joint_depth;
-        out[at + comptime!(column::OBJECT_DEPTH)] = object_depth;
-        out[at + comptime!(column::JOINT_OPACITY)] = 1.0f32 - joint;
-        out[at + comptime!(column::MARKS)] = mark0;
-        out[at + comptime!(column::MARKS + 1)] = mark1;
-        out[at + comptime!(column::HEAD)] = held;
-        out[at + comptime!(column::HEAD_ALONE)] = held_alone;
+        pixel[comptime!(column::JOINT_DEPTH)] += (w.f + w.b) * here.t;
+        alone_f = light.all.object;
+        alone_b = light.all.background;
+    }
+    // All threads know how much light is left, and one says so.
+    if unit == 0 {
+        pixel[comptime!(column::OBJECT_OPACITY)] = 1.0f32 - alone_f;
+        pixel[comptime!(column::BACKGROUND_OPACITY)] = 1.0f32 - alone_b;
+        pixel[comptime!(column::JOINT_OPACITY)] = 1.0f32 - alone_f * alone_b;
+    }
+    let sum = column_sum(&mut summed, &pixel, ray.used, comptime!(column::COUNT));
+    if CUBE_POS < starts.rays as usize && unit < comptime!(column::COUNT) {
+        out[CUBE_POS * comptime!(column::COUNT) + unit] = sum;
     }
 }

@@ -1,8 +1,13 @@
-//! The op on the GPU: one thread per ray, front to back, and for gradients back to front again.
+//! The op on the GPU: one workgroup per ray, front to back, and for gradients back to front again.
+//!
+//! A thread takes an interval. What it needs to know of others, which is how much light is left and what lies
+//! behind, it gets through the workgroup's memory, so that a ray takes hardly longer than an interval.
 
 mod backward;
 mod forward;
+mod interval;
 mod opacity;
+mod workgroup;
 
 use std::sync::{Arc, OnceLock};
 
@@ -18,10 +23,12 @@ use super::{
     column,
 };
 use cubecl::prelude::*;
+use interval::NO_ROW;
 use opacity::{Kind, Parameters};
+use workgroup::UNITS;
 
-/// Transmittances kept for each interval on the way back: joint, and of each field alone.
-const KEPT: usize = 3;
+/// Transmittances kept for each interval on the way back: of each field alone.
+const KEPT: usize = 2;
 
 impl CompositeOps for Cube {
     fn composite(
@@ -36,10 +43,10 @@ impl CompositeOps for Cube {
             return out;
         }
         let client = &out.client;
-        let (count, dim) = units_for(client, packing.ray_count());
+        let (count, dim) = units_for(client, packing.ray_count() * UNITS);
         let batch = Batch::new(&packing, config, [&object, &background]);
         let lists = packing.on_device.lists(&packing, &out);
-        // SAFETY: threads beyond the rays return at once, and a packing is checked when made.
+        // SAFETY: workgroups beyond the rays read and write nothing, and a packing is checked when made.
         unsafe {
             forward::forward_kernel::launch_unchecked(
                 client,
@@ -84,7 +91,7 @@ impl CompositeBackwardOps for Cube {
         let kept = fresh(&sharpness, [packing.interval_count().max(1), KEPT]);
         if rays > 0 {
             let client = &kept.client;
-            let (count, dim) = units_for(client, rays);
+            let (count, dim) = units_for(client, rays * UNITS);
             let lists = packing.on_device.lists(&packing, &kept);
             // SAFETY: as in the forward pass.
             unsafe {
@@ -142,7 +149,7 @@ struct Kinds {
 #[derive(Clone, Debug)]
 struct Lists {
     device: CubeDevice,
-    /// Ray offsets, the object's and the background's offsets, then their rows' intervals.
+    /// Ray offsets, then the object's and the background's row of each interval, or [`NO_ROW`].
     index: Uploaded,
     /// Midpoint and length of each interval.
     times: Uploaded,
@@ -153,16 +160,19 @@ struct Lists {
 impl Lists {
     /// Where `like` is.
     fn new(packing: &Packing, like: &CubeTensor) -> Self {
-        let index = [
-            packing.ray_offsets(),
-            packing.object_offsets(),
-            packing.background_offsets(),
-            packing.object(),
-            packing.background(),
-        ]
-        .concat();
+        let intervals = packing.interval_count();
+        let offsets = packing.ray_offsets();
+        let mut index = Vec::with_capacity(offsets.len() + 2 * intervals);
+        index.extend_from_slice(offsets);
+        index.resize(offsets.len() + 2 * intervals, NO_ROW);
+        let rows = &mut index[offsets.len()..];
+        for (field, list) in [packing.object(), packing.background()].iter().enumerate() {
+            for (row, interval) in list.iter().enumerate() {
+                rows[2 * *interval as usize + field] = row as u32;
+            }
+        }
         let times = packing.t().iter().zip(packing.dt());
-        let times: Vec<f32> = times.flat_map(|(t, dt)| [*t, *dt]).collect();
+        let times: Vec<[f32; 2]> = times.map(|(t, dt)| [*t, *dt]).collect();
         let marks: Vec<f32> = packing.marks().map_or_else(Vec::new, |marks| {
             let all = marks.object.iter().chain(&marks.background);
             all.flatten().copied().collect()
@@ -170,7 +180,7 @@ impl Lists {
         Self {
             device: like.device.clone(),
             index: Uploaded::new(&like.client, &index),
-            times: Uploaded::new(&like.client, &times),
+            times: Uploaded::new(&like.client, times.as_flattened()),
             marks: Uploaded::new(&like.client, &marks),
         }
     }
@@ -232,60 +242,11 @@ impl Batch {
     }
 }
 
-/// What a kernel needs to find its way in [`Lists::index`].
+/// What a kernel needs to find its way in [`Lists`].
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 struct Starts {
     rays: u32,
     objects: u32,
-}
-
-/// A ray's intervals and rows.
-#[derive(CubeType, Clone, Copy)]
-struct Ray {
-    first: usize,
-    end: usize,
-    object: usize,
-    object_end: usize,
-    background: usize,
-    background_end: usize,
-    /// Where the rows' intervals begin in the index, for either field.
-    object_index: usize,
-    background_index: usize,
-}
-
-#[cube]
-fn ray_at(index: &[u32], starts: &Starts, ray: usize) -> Ray {
-    let offsets = starts.rays as usize + 1;
-    Ray {
-        first: index[ray] as usize,
-        end: index[ray + 1] as usize,
-        object: index[offsets + ray] as usize,
-        object_end: index[offsets + ray + 1] as usize,
-        background: index[2 * offsets + ray] as usize,
-        background_end: index[2 * offsets + ray + 1] as usize,
-        object_index: 3 * offsets,
-        background_index: 3 * offsets + starts.objects as usize,
-    }
-}
-
-/// The object's matte value as a factor of its opacity.
-#[cube]
-fn factor_of_opacity(value: f32, #[comptime] matte: MatteRole) -> f32 {
-    if comptime!(matte == MatteRole::Opacity) {
-        value
-    } else {
-        1.0f32.runtime()
-    }
-}
-
-/// The object's matte value as a factor of its colour.
-#[cube]
-fn factor_of_colour(value: f32, #[comptime] matte: MatteRole) -> f32 {
-    if comptime!(matte == MatteRole::Colour) {
-        value
-    } else {
-        1.0f32.runtime()
-    }
 }
 
 /// Both fields' parameters.
