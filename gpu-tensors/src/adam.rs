@@ -43,7 +43,9 @@ pub fn adam_step<const D: usize>(
     let results: [CubeTensor; 3] = std::array::from_fn(|_| empty_like(&parameter_there));
     let count = parameter_there.meta.shape().num_elements();
     if count > 0 {
-        let [first, second] = before.as_ref().map_or([&gradient; 2], |moments| moments.each_ref());
+        let [first, second] = before
+            .as_ref()
+            .map_or([&gradient; 2], |moments| moments.each_ref());
         let client = &parameter_there.client;
         let (cubes, dim) = units_for(client, count);
         // SAFETY: threads beyond the values return at once, and all tensors have as many.

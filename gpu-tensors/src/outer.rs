@@ -13,7 +13,7 @@ use burn_cubecl::cubecl::calculate_cube_count_elemwise;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use crate::points::{BLOCK, LANES, PointMatrix, Quad, padded};
+use crate::points::{BLOCK, LANES, PointMatrix, Quad, Quads, padded, zero_quads};
 use crate::sums::add_rows_apart;
 use crate::tensor::{buffer, fresh, zeros};
 
@@ -49,8 +49,25 @@ impl Tile {
         Self { outputs, inputs }
     }
 
+    /// Threads for each entry block, which share the points: where there are few blocks, loads are shared by more.
+    fn slices(self) -> usize {
+        let most = Self::MOST[0] * Self::MOST[1] / (self.outputs * self.inputs);
+        if most >= DEPTH {
+            DEPTH
+        } else if most >= 2 {
+            2
+        } else {
+            1
+        }
+    }
+
     fn threads(self) -> usize {
-        self.outputs * self.inputs
+        self.slices() * self.outputs * self.inputs
+    }
+
+    /// Quads that a thread brings of so many blocks of rows.
+    fn loads(self, blocks: usize) -> usize {
+        (DEPTH * blocks * BLOCK).div_ceil(self.threads())
     }
 }
 
@@ -66,8 +83,8 @@ pub fn layer_gradients(gradient: &PointMatrix, x: &PointMatrix) -> (CubeTensor, 
     }
     let chunk = chunk(x.points);
     let chunks = x.points.div_ceil(chunk);
-    let partial = fresh(like, [chunks, outputs * x.rows]);
     let tile = Tile::of(outputs, x.rows);
+    let partial = fresh(like, [tile.slices() * chunks, outputs * x.rows]);
     let tiles = (padded(outputs) / BLOCK).div_ceil(tile.outputs)
         * (padded(x.rows) / BLOCK).div_ceil(tile.inputs);
     let dim = CubeDim::new_1d(tile.threads() as u32);
@@ -108,46 +125,76 @@ fn products_kernel(
     #[comptime] inputs: usize,
     #[comptime] tile: Tile,
 ) {
-    let (quads, chunks, chunk_quads) = (quads as usize, chunks as usize, chunk as usize);
+    let (quads_across, chunks, chunk_quads) = (quads as usize, chunks as usize, chunk as usize);
     let across = comptime!((padded(inputs) / BLOCK).div_ceil(tile.inputs));
     let (chunk, number) = (CUBE_POS % chunks, CUBE_POS / chunks);
     let first_output = number / across * comptime!(tile.outputs * BLOCK);
     let first_input = number % across * comptime!(tile.inputs * BLOCK);
     let unit = UNIT_POS as usize;
-    let (a, b) = (unit / comptime!(tile.inputs), unit % comptime!(tile.inputs));
+    let slice = unit / comptime!(tile.outputs * tile.inputs);
+    let block = unit % comptime!(tile.outputs * tile.inputs);
+    let (a, b) = (
+        block / comptime!(tile.inputs),
+        block % comptime!(tile.inputs),
+    );
     let mut left = Shared::<[Quad]>::new_slice(comptime!(DEPTH * tile.outputs * BLOCK));
     let mut right = Shared::<[Quad]>::new_slice(comptime!(DEPTH * tile.inputs * BLOCK));
-    // Variables one by one: what a shader calls an array some drivers keep in memory.
+    // As [`Quads`], and for the same reason.
     let mut sum = Sequence::<RuntimeCell<f32>>::new();
     #[unroll]
     for _ in 0..comptime!(BLOCK * BLOCK) {
         sum.push(RuntimeCell::new(0.0f32));
     }
     let first = chunk * chunk_quads;
-    let end = min(first + chunk_quads, quads);
-    // As often in all threads: none may miss a meeting.
+    let end = min(first + chunk_quads, quads_across);
+    // What comes next is on its way while the threads multiply: a load waits for no other.
+    let next_left = zero_quads(comptime!(tile.loads(tile.outputs)));
+    let next_right = zero_quads(comptime!(tile.loads(tile.inputs)));
     let mut start = first;
+    load(
+        &next_left,
+        gradient,
+        (first_output, outputs),
+        (start, end),
+        quads_across,
+        tile.outputs,
+        tile,
+    );
+    load(
+        &next_right,
+        x,
+        (first_input, inputs),
+        (start, end),
+        quads_across,
+        tile.inputs,
+        tile,
+    );
+    // As often in all threads: none may miss a meeting.
     while start < end {
-        bring(
+        put(&next_left, &mut left, tile.outputs, tile);
+        put(&next_right, &mut right, tile.inputs, tile);
+        start += DEPTH;
+        load(
+            &next_left,
             gradient,
-            &mut left,
             (first_output, outputs),
             (start, end),
-            quads,
-            comptime!(tile.outputs * BLOCK),
+            quads_across,
+            tile.outputs,
             tile,
         );
-        bring(
+        load(
+            &next_right,
             x,
-            &mut right,
             (first_input, inputs),
             (start, end),
-            quads,
-            comptime!(tile.inputs * BLOCK),
+            quads_across,
+            tile.inputs,
             tile,
         );
         sync_cube();
-        for d in 0..comptime!(DEPTH) {
+        for turn in 0..comptime!(DEPTH / tile.slices()) {
+            let d = turn * comptime!(tile.slices()) + slice;
             let left_at = d * comptime!(tile.outputs * BLOCK) + a;
             let right_at = d * comptime!(tile.inputs * BLOCK) + b;
             let mut others = Sequence::<Quad>::new();
@@ -171,9 +218,8 @@ fn products_kernel(
             }
         }
         sync_cube();
-        start += DEPTH;
     }
-    let from = chunk * comptime!(outputs * inputs);
+    let from = (chunk * comptime!(tile.slices()) + slice) * comptime!(outputs * inputs);
     #[unroll]
     for i in 0..BLOCK {
         #[unroll]
@@ -192,27 +238,39 @@ fn products_kernel(
     }
 }
 
-/// Brings points into the workgroup's memory: `height` rows from the first on, and of their `stride` quads those from the
-/// start on; zeros beyond what there is of either.
+/// Asks for points: of the rows from the first on, as many blocks, and of their `stride` quads those from the start on;
+/// zeros beyond what there is of either.
 #[cube]
-fn bring(
+fn load(
+    next: &Quads,
     matrix: &[Quad],
-    staged: &mut [Quad],
     rows: (usize, usize),
     points: (usize, usize),
     stride: usize,
-    #[comptime] height: usize,
+    #[comptime] blocks: usize,
     #[comptime] tile: Tile,
 ) {
-    let mut at = UNIT_POS as usize;
-    while at < comptime!(DEPTH * height) {
-        let (row, d) = (at / DEPTH, at % DEPTH);
-        let (from, quad) = (rows.0 + row, points.0 + d);
-        let mut value = Quad::new(0.0f32);
-        if from < rows.1 && quad < points.1 {
-            value = matrix[from * stride + quad];
+    #[unroll]
+    for n in 0..comptime!(tile.loads(blocks)) {
+        let at = UNIT_POS as usize + comptime!(n * tile.threads());
+        let (row, quad) = (rows.0 + at / DEPTH, points.0 + at % DEPTH);
+        let value = matrix[min(row, rows.1 - 1) * stride + min(quad, points.1 - 1)];
+        next[n].store(select(
+            row < rows.1 && quad < points.1,
+            value,
+            Quad::new(0.0f32),
+        ));
+    }
+}
+
+/// Puts what was asked for into the workgroup's memory.
+#[cube]
+fn put(next: &Quads, staged: &mut [Quad], #[comptime] blocks: usize, #[comptime] tile: Tile) {
+    #[unroll]
+    for n in 0..comptime!(tile.loads(blocks)) {
+        let at = UNIT_POS as usize + comptime!(n * tile.threads());
+        if at < comptime!(DEPTH * blocks * BLOCK) {
+            staged[at % DEPTH * comptime!(blocks * BLOCK) + at / DEPTH] = next[n].read();
         }
-        staged[d * height + row] = value;
-        at += comptime!(tile.threads());
     }
 }

@@ -1,7 +1,11 @@
 //! Matrices of values at many points, the way layers of a network want them.
 
-use burn_cubecl::cubecl::prelude::{Const, Vector};
+// What the macros generate has no documentation of its own.
+#![allow(missing_docs)]
+
+use burn_cubecl::cubecl;
 use burn_cubecl::tensor::CubeTensor;
+use cubecl::prelude::*;
 
 use crate::tensor::{fresh, zeros};
 
@@ -17,6 +21,21 @@ pub const LANES: usize = 4;
 
 /// [`Quad`]s in a block.
 pub(crate) const QUADS: usize = BLOCK / LANES;
+
+/// Quads in a thread's registers: variables one by one, for what a shader calls an array some drivers keep in memory,
+/// even where each index is a constant.
+pub(crate) type Quads = Sequence<RuntimeCell<Quad>>;
+
+/// So many of zeros.
+#[cube]
+pub(crate) fn zero_quads(#[comptime] count: usize) -> Quads {
+    let mut some = Quads::new();
+    #[unroll]
+    for _ in 0..count {
+        some.push(RuntimeCell::new(Quad::new(0.0f32)));
+    }
+    some
+}
 
 /// A row for each value and a column for each point: neighbouring threads, which take neighbouring
 /// points, read neighbouring memory.

@@ -7,7 +7,7 @@
 use burn_cubecl::cubecl;
 use cubecl::prelude::*;
 
-use crate::points::{BLOCK, LANES, QUADS, Quad, padded};
+use crate::points::{BLOCK, LANES, QUADS, Quad, Quads, padded, zero_quads};
 use crate::tensor::UNITS;
 
 /// What follows a layer.
@@ -19,20 +19,6 @@ pub(super) enum Activation {
     ReluAndOne,
     /// Values to zero where another matrix is not positive.
     Gated,
-}
-
-/// A block of outputs at a block of points, in a thread's registers: variables one by one, for what a shader calls an
-/// array some drivers keep in memory, even where each index is a constant.
-type Block = Sequence<RuntimeCell<Quad>>;
-
-#[cube]
-fn nothing() -> Block {
-    let mut block = Block::new();
-    #[unroll]
-    for _ in 0..comptime!(BLOCK * QUADS) {
-        block.push(RuntimeCell::new(Quad::new(0.0f32)));
-    }
-    block
 }
 
 /// One thread per entry.
@@ -73,7 +59,16 @@ pub(super) fn dense_kernel(
     if output < width {
         let strides = (width, x_stride as usize);
         let sum = products(weights, output, x, point, strides, used as usize, inputs);
-        finish(&sum, gate, y, (point, point + 1), output, blocks, outputs, activation);
+        finish(
+            &sum,
+            gate,
+            y,
+            (point, point + 1),
+            output,
+            blocks,
+            outputs,
+            activation,
+        );
     }
 }
 
@@ -123,6 +118,11 @@ impl Tile {
     fn point_quads(self) -> usize {
         self.points * QUADS
     }
+
+    /// Quads that a thread brings of `across` for each input.
+    fn loads(self, across: usize) -> usize {
+        (self.depth * across).div_ceil(UNITS as usize)
+    }
 }
 
 /// The same by tiles: a workgroup brings some inputs' weights and values into its own memory, all of its threads
@@ -146,7 +146,6 @@ pub(super) fn tiled_kernel(
     #[comptime] tile: Tile,
 ) {
     let (blocks, used, x_stride) = (blocks as usize, used as usize, x_stride as usize);
-    let units = comptime!(UNITS as usize);
     let groups = (blocks + comptime!(tile.points - 1)) / comptime!(tile.points);
     let unit = UNIT_POS as usize;
     let first_quad = CUBE_POS % groups * comptime!(tile.point_quads());
@@ -154,39 +153,75 @@ pub(super) fn tiled_kernel(
     let (point, output) = (unit % comptime!(tile.points), unit / comptime!(tile.points));
     let mut values = Shared::<[Quad]>::new_slice(comptime!(tile.depth * tile.point_quads()));
     let mut weights = Shared::<[Quad]>::new_slice(comptime!(tile.depth * tile.output_quads()));
-    let sum = nothing();
+    let sum = zero_quads(comptime!(BLOCK * QUADS));
+    // What comes next is on its way while the threads multiply: a load waits for no other.
+    let next_values = zero_quads(comptime!(tile.loads(tile.point_quads())));
+    let next_weights = zero_quads(comptime!(tile.loads(tile.output_quads())));
+    let last = blocks * QUADS - 1;
     let mut start = 0usize.runtime();
+    load_values(
+        &next_values,
+        x,
+        start,
+        first_quad,
+        last,
+        used,
+        x_stride,
+        inputs,
+        tile,
+    );
+    load_weights(
+        &next_weights,
+        weight,
+        bias,
+        start,
+        first_output,
+        used,
+        inputs,
+        outputs,
+        biased,
+        tile,
+    );
     // As often in all threads: none may miss a meeting.
     while start <= used {
-        let mut at = unit;
-        while at < comptime!(tile.depth * tile.point_quads()) {
-            let i = start + at / comptime!(tile.point_quads());
-            let quad = first_quad + at % comptime!(tile.point_quads());
-            let mut value = Quad::new(0.0f32);
-            if i <= used && quad < blocks * QUADS {
-                value = x[select(i == used, comptime!(inputs - 1), i) * x_stride + quad];
+        #[unroll]
+        for n in 0..comptime!(tile.loads(tile.point_quads())) {
+            let at = unit + comptime!(n * UNITS as usize);
+            if at < comptime!(tile.depth * tile.point_quads()) {
+                values[at] = next_values[n].read();
             }
-            values[at] = value;
-            at += units;
         }
-        at = unit;
-        while at < comptime!(tile.depth * tile.output_quads()) {
-            let i = start + at / comptime!(tile.output_quads());
-            let o = first_output + at % comptime!(tile.output_quads()) * LANES;
-            let mut four = Quad::new(0.0f32);
-            if i <= used {
-                let row = select(i == used, comptime!(inputs - 1), i);
-                #[unroll]
-                for lane in 0..LANES {
-                    four.insert(
-                        lane,
-                        weight_at(weight, bias, row, o + lane, inputs, outputs, biased),
-                    );
-                }
+        #[unroll]
+        for n in 0..comptime!(tile.loads(tile.output_quads())) {
+            let at = unit + comptime!(n * UNITS as usize);
+            if at < comptime!(tile.depth * tile.output_quads()) {
+                weights[at] = next_weights[n].read();
             }
-            weights[at] = four;
-            at += units;
         }
+        start += comptime!(tile.depth);
+        load_values(
+            &next_values,
+            x,
+            start,
+            first_quad,
+            last,
+            used,
+            x_stride,
+            inputs,
+            tile,
+        );
+        load_weights(
+            &next_weights,
+            weight,
+            bias,
+            start,
+            first_output,
+            used,
+            inputs,
+            outputs,
+            biased,
+            tile,
+        );
         sync_cube();
         if output < comptime!(tile.outputs) {
             // Not unrolled: compilers take long over a thousand products, and know themselves what suits them.
@@ -210,12 +245,68 @@ pub(super) fn tiled_kernel(
             }
         }
         sync_cube();
-        start += comptime!(tile.depth);
     }
     let output = first_output / LANES + output * QUADS;
     if unit < comptime!(tile.points * tile.outputs) && output < comptime!(padded(outputs) / LANES) {
-        let quads = (first_quad + point, first_quad + point + comptime!(tile.points));
+        let quads = (
+            first_quad + point,
+            first_quad + point + comptime!(tile.points),
+        );
         finish(&sum, gate, y, quads, output, blocks, outputs, activation);
+    }
+}
+
+/// Asks for the values of the inputs from `start` on at a tile's points; zeros beyond either.
+#[cube]
+fn load_values(
+    next: &Quads,
+    x: &[Quad],
+    start: usize,
+    first_quad: usize,
+    last: usize,
+    used: usize,
+    x_stride: usize,
+    #[comptime] inputs: usize,
+    #[comptime] tile: Tile,
+) {
+    #[unroll]
+    for n in 0..comptime!(tile.loads(tile.point_quads())) {
+        let at = UNIT_POS as usize + comptime!(n * UNITS as usize);
+        let i = start + at / comptime!(tile.point_quads());
+        let quad = first_quad + at % comptime!(tile.point_quads());
+        let row = select(i < used, i, comptime!(inputs - 1));
+        let value = x[row * x_stride + min(quad, last)];
+        next[n].store(select(i <= used && quad <= last, value, Quad::new(0.0f32)));
+    }
+}
+
+/// Asks for the weights of the inputs from `start` on for a tile's outputs; zeros beyond either.
+#[cube]
+fn load_weights(
+    next: &Quads,
+    weight: &[f32],
+    bias: &[f32],
+    start: usize,
+    first_output: usize,
+    used: usize,
+    #[comptime] inputs: usize,
+    #[comptime] outputs: usize,
+    #[comptime] biased: bool,
+    #[comptime] tile: Tile,
+) {
+    #[unroll]
+    for n in 0..comptime!(tile.loads(tile.output_quads())) {
+        let at = UNIT_POS as usize + comptime!(n * UNITS as usize);
+        let i = start + at / comptime!(tile.output_quads());
+        let o = first_output + at % comptime!(tile.output_quads()) * LANES;
+        let row = select(i < used, i, comptime!(inputs - 1));
+        let mut four = Quad::new(0.0f32);
+        #[unroll]
+        for lane in 0..LANES {
+            let value = weight_at(weight, bias, row, o + lane, inputs, outputs, biased);
+            four.insert(lane, value);
+        }
+        next[n].store(select(i <= used, four, Quad::new(0.0f32)));
     }
 }
 
@@ -230,19 +321,15 @@ fn weight_at(
     #[comptime] outputs: usize,
     #[comptime] biased: bool,
 ) -> f32 {
-    let mut value = 0.0f32;
-    if o < outputs {
-        if comptime!(biased) {
-            if i < comptime!(inputs - 1) {
-                value = weight[o * comptime!(inputs - 1) + i];
-            } else {
-                value = bias[o];
-            }
-        } else {
-            value = weight[i * outputs + o];
-        }
-    }
-    value
+    // No branches: a load behind one waits for it.
+    let there = min(o, comptime!(outputs - 1));
+    let value = if comptime!(biased) {
+        let of_input = weight[there * comptime!(inputs - 1) + min(i, comptime!(inputs - 2))];
+        select(i < comptime!(inputs - 1), of_input, bias[there])
+    } else {
+        weight[i * outputs + there]
+    };
+    select(o < outputs, value, 0.0f32)
 }
 
 /// A block of outputs at a block of points: the first `used` inputs and the last one count. An input's
@@ -256,8 +343,8 @@ fn products(
     strides: (usize, usize),
     used: usize,
     #[comptime] inputs: usize,
-) -> Block {
-    let sum = nothing();
+) -> Quads {
+    let sum = zero_quads(comptime!(BLOCK * QUADS));
     for i in 0..used + 1 {
         let row = select(i == used, comptime!(inputs - 1), i);
         let w_at = row * strides.0 + output;
@@ -283,7 +370,7 @@ fn products(
 /// What follows the products, and writing it at both quads of points, those that there are.
 #[cube]
 fn finish(
-    sum: &Block,
+    sum: &Quads,
     gate: &[Quad],
     y: &mut [Quad],
     quads: (usize, usize),
