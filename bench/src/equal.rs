@@ -39,15 +39,21 @@ pub(crate) fn measure(sizes: Sizes, device: &str) -> Result<StepFigures> {
     let data = prepared(&DemoConfig::tiny(), &config)?;
     let mut trainer = Trainer::new(&config, &data)?;
     let levels = config.model.levels as usize;
+    // Made beforehand: a device's steps are timed by the clock, whatever else the host does.
+    let batches: Vec<_> = (0..WARM_UP + sizes.steps)
+        .map(|number| {
+            let mut random = step_random(7, number as u32);
+            let batch = ray_batch(sizes.rays, &mut random);
+            let marched = samples(&batch.rays, sizes.samples, &mut random);
+            (batch, marched)
+        })
+        .collect();
     let mut marks = Marks::begin(&trainer);
-    for number in 0..WARM_UP + sizes.steps {
+    for (number, (batch, marched)) in batches.iter().enumerate() {
         if number == WARM_UP {
             trainer.settle();
             marks = Marks::begin(&trainer);
         }
-        let mut random = step_random(7, number as u32);
-        let batch = ray_batch(sizes.rays, &mut random);
-        let marched = samples(&batch.rays, sizes.samples, &mut random);
         let schedule = StepSchedule {
             step: number as u32,
             active_levels: levels,
@@ -57,7 +63,7 @@ pub(crate) fn measure(sizes: Sizes, device: &str) -> Result<StepFigures> {
             mask_weight: config.loss.mask,
             far_weight: 0.0,
         };
-        let report = trainer.learn(&batch, &marched, None, &[], schedule);
+        let report = trainer.learn(batch, marched, None, &[], schedule);
         anyhow::ensure!(report.is_finite(), "a loss of step {number} is no number");
         if number + 1 == WARM_UP + sizes.steps {
             // What a device has been given to do counts when it is done.

@@ -1,6 +1,7 @@
 //! Where to compute: what a name of the command line stands for on this machine.
 
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
+use hashgrid::{GridConfig, HashGrid, encode};
 
 use crate::prepare::error::PrepareError;
 
@@ -84,6 +85,50 @@ pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
             remedy: format!("choose one of {}", crate::config::DEVICES.join(", ")),
         }),
     }
+}
+
+/// Asks a GPU for an encoding whose values are known.
+///
+/// A driver or a toolkit that does not fit need not report anything: kernels are then left out, and a run would learn
+/// nothing for hours.
+///
+/// # Errors
+/// When what comes back is not what the processor computes.
+pub(crate) fn verify(chosen: &ChosenDevice, name: &str) -> Result<(), PrepareError> {
+    if chosen.is_cpu {
+        return Ok(());
+    }
+    let config = GridConfig {
+        levels: 2,
+        base_resolution: 2,
+        finest_resolution: 16,
+        log2_table_size: 8,
+        ..GridConfig::default()
+    };
+    let values = |device: &Device| {
+        let grid = HashGrid::new(&config, 1, device);
+        let points = Tensor::from_floats([[0.1, 0.2, 0.3], [0.9, 0.5, 0.7]], device);
+        let encoded = encode(points, grid.table.val(), grid.layout(), config.levels);
+        // The table's values begin at 1e-4.
+        encoded.mul_scalar(1e4).into_data().try_to_vec::<f32>()
+    };
+    let matches = match (values(&chosen.device), values(&Device::flex())) {
+        (Ok(found), Ok(expected)) => found
+            .iter()
+            .zip(&expected)
+            .all(|(a, b)| (a - b).abs() < 1e-3),
+        _ => false,
+    };
+    if matches {
+        return Ok(());
+    }
+    Err(PrepareError::Device {
+        name: name.to_owned(),
+        remedy: format!(
+            "{} does not compute what it is asked for: its driver, or CUDA's toolkit, does not fit this build; choose {OTHERS}",
+            chosen.name
+        ),
+    })
 }
 
 /// What to say besides the device that was taken when `asked` for: that `auto` had the CPU alone to take
@@ -207,6 +252,15 @@ mod tests {
         }
         // Who names a device needs no other.
         assert_eq!(remark("cpu"), "");
+    }
+
+    #[test]
+    fn a_device_that_computes_passes() {
+        let mut cpu = choose("cpu").unwrap();
+        verify(&cpu, "cpu").unwrap();
+        // As if it were a GPU: asked, it gives the known values.
+        cpu.is_cpu = false;
+        verify(&cpu, "cpu").unwrap();
     }
 
     #[test]

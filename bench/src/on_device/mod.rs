@@ -6,6 +6,7 @@
 
 mod cases;
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
@@ -33,6 +34,7 @@ pub(crate) struct DeviceReport {
     device: String,
     trained_samples_per_s: f64,
     step_ms: f64,
+    step: DeviceSteps,
     /// Of the sdf field's forward and backward together.
     roofline_share: f64,
     peak_gflops: f64,
@@ -42,13 +44,15 @@ pub(crate) struct DeviceReport {
 }
 
 /// Steps of one kind. A step is over on the CPU before the device has done it, so that only the time of many
-/// tells, and phases by the CPU's clock tell nothing.
-#[derive(Clone, Copy, Debug, Serialize)]
+/// tells; phases by the CPU's clock say what the host does and waits for, not what the device does.
+#[derive(Clone, Debug, Serialize)]
 struct DeviceSteps {
     samples_per_step: f64,
     /// The mean.
     step_ms: f64,
     trained_samples_per_s: f64,
+    /// Means, of the host.
+    host_ms: BTreeMap<String, f64>,
 }
 
 impl From<StepFigures> for DeviceSteps {
@@ -57,12 +61,26 @@ impl From<StepFigures> for DeviceSteps {
             samples_per_step: steps.samples_per_step,
             step_ms: 1e3 * steps.samples_per_step / steps.trained_samples_per_s,
             trained_samples_per_s: steps.trained_samples_per_s,
+            host_ms: steps.phase_ms,
         }
     }
 }
 
+impl fmt::Display for DeviceSteps {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:.1} ms for {:.0} samples, {:.0} samples/s",
+            self.step_ms, self.samples_per_step, self.trained_samples_per_s
+        )?;
+        let phases = self.host_ms.iter().filter(|(_, ms)| **ms >= 0.05);
+        let phases: Vec<String> = phases.map(|(name, ms)| format!("{name} {ms:.1}")).collect();
+        writeln!(f, "    the host's, ms: {}", phases.join(", "))
+    }
+}
+
 /// A short run of the default preset.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize)]
 struct DeviceDefault {
     background_alone: DeviceSteps,
     both_fields: DeviceSteps,
@@ -108,6 +126,7 @@ pub(crate) fn measure(
         device: chosen.name.clone(),
         trained_samples_per_s: step.trained_samples_per_s,
         step_ms: step.step_ms,
+        step,
         roofline_share: of_sdf().map(least).sum::<f64>() / of_sdf().map(|op| op.ms).sum::<f64>(),
         peak_gflops: rates.gflops,
         peak_gbs: rates.copy_gbs,
@@ -283,11 +302,7 @@ impl fmt::Display for DeviceReport {
             "sdf field, both",
             100.0 * self.roofline_share
         )?;
-        writeln!(
-            f,
-            "step at the paper's sizes: {:.1} ms, {:.0} samples/s",
-            self.step_ms, self.trained_samples_per_s
-        )?;
+        write!(f, "step at the paper's sizes: {}", self.step)?;
         let Some(steps) = &self.default_preset else {
             return Ok(());
         };
@@ -295,11 +310,7 @@ impl fmt::Display for DeviceReport {
             ("the background alone", &steps.background_alone),
             ("both fields", &steps.both_fields),
         ] {
-            writeln!(
-                f,
-                "default preset, {name}: {:.1} ms for {:.0} samples, {:.0} samples/s",
-                step.step_ms, step.samples_per_step, step.trained_samples_per_s
-            )?;
+            write!(f, "default preset, {name}: {step}")?;
         }
         Ok(())
     }

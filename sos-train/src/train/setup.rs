@@ -5,6 +5,7 @@ use std::sync::Arc;
 use hashgrid::{GridConfig, GridLayout, LazyAdam, LazyAdamConfig};
 use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 
+use super::adam::adam;
 use super::agreement::Agreement;
 use super::clock::StepClock;
 use super::contested::Contested;
@@ -12,10 +13,9 @@ use super::grids::FieldGrids;
 use super::outlook::Outlook;
 use super::sampler::Sampler;
 use super::step::StepContext;
-use super::adam::adam;
 use super::{Trainer, gradient_sinks};
 use crate::config::{Fields, Interpolation, TrainConfig, Transparency};
-use crate::device::{ChosenDevice, choose};
+use crate::device::{ChosenDevice, choose, verify};
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask_faults::MaskFaults;
@@ -124,6 +124,7 @@ impl Trainer {
     /// When the device does not exist, or cannot hold the model.
     pub fn new(config: &TrainConfig, scene: &Prepared) -> Result<Self, PrepareError> {
         let chosen = choose(&config.device)?;
+        verify(&chosen, &config.device)?;
         let device = chosen.device.clone().autodiff();
         let sizes = scene_config(config, scene);
         let object_layout = Arc::new(GridLayout::new(&sizes.object_grid));
