@@ -233,7 +233,8 @@ pub fn scatter<A: AtomicSum>(
         let (x, dx) = factor(&cell.x, ux);
         let (y, dy) = factor(&cell.y, uy);
         let (z, dz) = factor(&cell.z, uz);
-        let sum = x * (y * z) * d.value + dx * (y * z) * d.x + dy * (x * z) * d.y + dz * (x * y) * d.z;
+        let sum =
+            x * (y * z) * d.value + dx * (y * z) * d.x + dy * (x * z) * d.y + dz * (x * y) * d.z;
         A::add(&grad[entry(cell, c) * 2 + feature], sum);
     }
 }

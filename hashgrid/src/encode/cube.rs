@@ -10,8 +10,8 @@ use super::backward::EncodeBackward;
 use super::{EncodeConfig, EncodeOps};
 use crate::config::TableReads;
 use crate::cube::{
-    DeviceTable, Entries, FeatureGradient, Half, Pair, Single, blend, is_smooth, level_words, locate,
-    pair, scatter,
+    DeviceTable, Entries, FeatureGradient, Half, Pair, Single, blend, is_smooth, level_words,
+    locate, pair, scatter,
 };
 use crate::layout::FEATURES;
 use cubecl::prelude::*;

@@ -18,7 +18,7 @@ use super::{
     device::{March, MarchOps, Shape},
 };
 use cubecl::prelude::*;
-use path::{Grid, GridLaunch, Steps, StepsLaunch, is_finite, path_of};
+use path::{Grid, GridLaunch, Steps, StepsLaunch, path_of};
 use walk::march_once;
 
 impl MarchOps for Cube {
@@ -234,7 +234,7 @@ fn count_kernel(
                 false,
             );
         }
-        counts[ray] = select(is_finite(rays, ray), min(count, most), 0u32);
+        counts[ray] = min(count, most);
         stretches[ray] = stretch;
     }
 }

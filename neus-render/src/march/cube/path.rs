@@ -143,19 +143,6 @@ fn slab(origin: f32, direction: f32, near: f32, far: f32) -> (f32, f32) {
     )
 }
 
-/// Whether all numbers of ray `ray` of `[rays, 6]` are finite. One that has others passes through no cell, for no
-/// comparison with them holds; but drivers make `min` and `max` of comparisons, for which they count as numbers.
-#[cube]
-pub(super) fn is_finite(rays: &[f32], ray: usize) -> bool {
-    let mut finite = true;
-    #[unroll]
-    for i in 0..6usize {
-        let exponent = u32::reinterpret(rays[6 * ray + i]) & comptime!(f32::INFINITY.to_bits());
-        finite = finite && exponent != comptime!(f32::INFINITY.to_bits());
-    }
-    finite
-}
-
 /// Ray `ray` of `[rays, 6]`.
 #[cube]
 pub(super) fn path_of(rays: &[f32], ray: usize, steps: &Steps) -> Path {
