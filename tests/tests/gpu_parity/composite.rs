@@ -21,20 +21,29 @@ struct Scene {
 
 /// Rays of up to 40 intervals, some without any; samples of either field in most of them.
 fn scene(rays: usize) -> Scene {
+    scene_of(rays, |ray, unit| {
+        if ray % 7 == 3 {
+            0
+        } else {
+            (40.0 * unit) as usize
+        }
+    })
+}
+
+/// Rays of as many intervals as `count` says for a ray and a number between 0 and 1.
+fn scene_of(rays: usize, count: impl Fn(usize, f32) -> usize) -> Scene {
     let mut random = Random(rays as u32 + 17);
     let mut unit = move || 0.5 * (random.signed() + 1.0);
     let (mut offsets, mut t, mut dt) = (vec![0], Vec::new(), Vec::new());
     let (mut object, mut background) = (Vec::new(), Vec::new());
     let (mut of_object, mut of_background) = (Vec::new(), Vec::new());
     for ray in 0..rays {
-        let intervals = if ray % 7 == 3 {
-            0
-        } else {
-            (40.0 * unit()) as usize
-        };
+        let intervals = count(ray, unit());
+        // Long rays are as long as others, or nothing is seen behind their first intervals.
+        let share = 40.0 / intervals.max(40) as f32;
         let mut at = 1.0 + unit();
         for _ in 0..intervals {
-            let length = 0.02 + 0.05 * unit();
+            let length = share * (0.02 + 0.05 * unit());
             let i = t.len() as u32;
             t.push(at);
             dt.push(length);
@@ -147,8 +156,14 @@ fn pixels_and_gradients_are_the_references() {
     let Some(gpu) = gpu() else {
         return;
     };
-    for rays in [1, 65, 300] {
-        let scene = scene(rays);
+    // A workgroup takes 64 intervals of a ray at a time.
+    let long = [0, 1, 63, 64, 65, 127, 128, 129, 300];
+    let scenes = [1, 65, 300].map(scene);
+    for scene in scenes
+        .into_iter()
+        .chain([scene_of(long.len(), |ray, _| long[ray])])
+    {
+        let rays = scene.packing.ray_count();
         for config in configs() {
             let found = run(&scene, config, &gpu, true);
             let expected = run(&scene, config, &oracle(), false);
