@@ -2,15 +2,18 @@
 
 use gpu_tensors::cubecl;
 use gpu_tensors::{
-    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, Packed, PointMatrix, Rates, WeightReads,
-    buffer, column_sums, exp_m1, fresh, from_slice, has_native_sum, layer_gradients, ln_1p, padded,
-    read, running_sums, sigmoid, softplus, units_for, zeros,
+    AdamRule, AtomicSum, CompareAndSwap, CubeTensor, NativeSum, Packed, PointMatrix, Rates,
+    WeightReads, adam_step, buffer, column_sums, exp_m1, fresh, from_slice, has_native_sum,
+    layer_gradients, ln_1p, padded, read, running_sums, sigmoid, softplus, units_for, zeros,
 };
 
+use burn::optim::{AdamConfig, Optimizer};
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use cubecl::prelude::*;
 
-use crate::support::{Random, WithoutNativeSums, assert_close, gpu, native_sums, tensor};
+use crate::support::{
+    Random, VALUE, WithoutNativeSums, assert_close, gpu, native_sums, numbers, oracle, tensor,
+};
 
 /// A tensor of the device under test, as kernels see it.
 fn on_gpu(values: &[f32], shape: [usize; 2]) -> Option<CubeTensor> {
@@ -322,4 +325,51 @@ fn elementary_functions_keep_their_digits() {
             );
         }
     }
+}
+
+#[test]
+fn a_parameters_steps_are_those_of_burns_adam() {
+    let Some(device) = gpu() else {
+        return;
+    };
+    let (shape, rate, epsilon) = ([7, 15], 0.01, 1e-8f32);
+    let betas = [0.9f32, 0.99];
+    let reference = AdamConfig::new()
+        .with_beta_1(betas[0])
+        .with_beta_2(betas[1])
+        .with_epsilon(epsilon)
+        .build();
+    let start = Random(1).list(105);
+    let mut expected = tensor(&start, shape, &oracle());
+    let mut found = tensor(&start, shape, &device);
+    let (mut state, mut moments) = (None, None::<[Tensor<2>; 2]>);
+    for step in 1..=5 {
+        let gradient = Random(step + 1).list(105);
+        let there = tensor(&gradient, shape, &device);
+        (expected, state) =
+            reference.step(rate, expected, tensor(&gradient, shape, &oracle()), state);
+        let [first, second] = betas.map(|beta| 1.0 - f64::from(beta).powi(step as i32));
+        let rule = AdamRule {
+            decay: betas,
+            rate: (rate * second.sqrt() / first) as f32,
+            epsilon: (f64::from(epsilon) * second.sqrt()) as f32,
+        };
+        let before = moments.as_ref().map(|[first, second]| [first, second]);
+        let [stepped, first, second] = adam_step(&found, &there, before, rule).unwrap();
+        (found, moments) = (stepped, Some([first, second]));
+        let what = format!("step {step}");
+        assert_close(
+            &what,
+            &numbers(found.clone()),
+            &numbers(expected.clone()),
+            VALUE,
+        );
+    }
+    let nothing = tensor(&[0.0], [1], &Device::flex());
+    let rule = AdamRule {
+        decay: betas,
+        rate: 0.1,
+        epsilon: 1e-8,
+    };
+    assert!(adam_step(&nothing, &nothing, None, rule).is_none());
 }
