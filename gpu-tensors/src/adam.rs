@@ -12,7 +12,7 @@ use burn_cubecl::cubecl;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use crate::tensor::{buffer, contiguous, empty_like, units_for};
+use crate::tensor::{buffer, contiguous, fresh_like, units_for};
 
 /// A step's numbers (Kingma and Ba 2015, algorithm 1, in the order of its section 2's last paragraph).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,6 +28,9 @@ pub struct AdamRule {
 /// The parameter after a step down `gradient`, and its moments, whose last ones `moments` are; `None` before the first step.
 ///
 /// `None` where CubeCL does not run the parameter's device.
+///
+/// # Panics
+/// When the gradient or a moment is of another shape than the parameter.
 #[must_use]
 pub fn adam_step<const D: usize>(
     parameter: &Tensor<D>,
@@ -35,12 +38,16 @@ pub fn adam_step<const D: usize>(
     moments: Option<[&Tensor<D>; 2]>,
     rule: AdamRule,
 ) -> Option<[Tensor<D>; 3]> {
+    let others = moments.into_iter().flatten().chain([gradient]);
+    for other in others {
+        assert_eq!(other.dims(), parameter.dims(), "adam_step: shapes");
+    }
     let [parameter_there, gradient] = [cube(parameter)?, cube(gradient)?].map(contiguous);
     let before = match moments {
         Some([first, second]) => Some([cube(first)?, cube(second)?].map(contiguous)),
         None => None,
     };
-    let results: [CubeTensor; 3] = std::array::from_fn(|_| empty_like(&parameter_there));
+    let results: [CubeTensor; 3] = std::array::from_fn(|_| fresh_like(&parameter_there));
     let count = parameter_there.meta.shape().num_elements();
     if count > 0 {
         let [first, second] = before

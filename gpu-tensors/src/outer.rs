@@ -9,22 +9,25 @@
 #![allow(missing_docs)]
 
 use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::calculate_cube_count_elemwise;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use crate::points::{BLOCK, LANES, PointMatrix, Quad, Quads, padded, zero_quads};
 use crate::sums::add_rows_apart;
-use crate::tensor::{buffer, fresh, zeros};
+use crate::tensor::{buffer, fresh, workgroups, zeros};
 
 /// Points that are in a workgroup's memory at once, by fours.
 const DEPTH: usize = 4;
 
-/// Points that a workgroup adds up by itself: enough workgroups for large devices, few enough sums to add afterwards.
-/// The order of the sum, and so its bits, depend on the number of points alone.
-fn chunk(points: usize) -> usize {
+/// Points that a workgroup adds up by itself: enough workgroups for large devices, few enough sums to add afterwards, and
+/// no more than 64 MiB of them, `width` values for each chunk. The order of the sum, and so its bits, depend on these
+/// sizes alone.
+fn chunk(points: usize, width: usize) -> usize {
     const STEP: usize = DEPTH * LANES;
-    points.div_ceil(512).next_multiple_of(STEP).clamp(64, 256)
+    const MOST_VALUES: usize = 16 << 20;
+    let fitting = points.div_ceil((MOST_VALUES / width).max(1));
+    let least = points.div_ceil(512).clamp(64, 256).max(fitting);
+    least.next_multiple_of(STEP)
 }
 
 /// How a workgroup's threads share the entries: blocks of outputs by blocks of inputs, one for each thread.
@@ -81,15 +84,14 @@ pub fn layer_gradients(gradient: &PointMatrix, x: &PointMatrix) -> (CubeTensor, 
     if x.points == 0 {
         return (zeros(like, [outputs, inputs]), zeros(like, [outputs]));
     }
-    let chunk = chunk(x.points);
-    let chunks = x.points.div_ceil(chunk);
     let tile = Tile::of(outputs, x.rows);
+    let chunk = chunk(x.points, tile.slices() * outputs * x.rows);
+    let chunks = x.points.div_ceil(chunk);
     let partial = fresh(like, [tile.slices() * chunks, outputs * x.rows]);
     let tiles = (padded(outputs) / BLOCK).div_ceil(tile.outputs)
         * (padded(x.rows) / BLOCK).div_ceil(tile.inputs);
-    let dim = CubeDim::new_1d(tile.threads() as u32);
     let client = &like.client;
-    let count = calculate_cube_count_elemwise(client, chunks * tiles * tile.threads(), dim);
+    let (count, dim) = workgroups(client, chunks * tiles, tile.threads());
     // SAFETY: workgroups beyond the tiles write nothing, and matrices are padded to whole blocks.
     unsafe {
         products_kernel::launch_unchecked(
@@ -272,5 +274,23 @@ fn put(next: &Quads, staged: &mut [Quad], #[comptime] blocks: usize, #[comptime]
         if at < comptime!(DEPTH * blocks * BLOCK) {
             staged[at % DEPTH * comptime!(blocks * BLOCK) + at / DEPTH] = next[n].read();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_of_chunks_fit_what_every_device_binds() {
+        for points in [1, 64, 16_384, 131_072, 10_000_000] {
+            for width in [3 * 65, 64 * 65, 512 * 513, 2048 * 2049] {
+                let chunk = chunk(points, width);
+                assert!(chunk.is_multiple_of(DEPTH * LANES), "{points}, {width}");
+                let bytes = points.div_ceil(chunk) * width * size_of::<f32>();
+                assert!(bytes <= 64 << 20, "{points}, {width}: {bytes}");
+            }
+        }
+        assert_eq!(chunk(131_072, 64 * 65), 256);
     }
 }

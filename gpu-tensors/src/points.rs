@@ -22,8 +22,7 @@ pub const LANES: usize = 4;
 /// [`Quad`]s in a block.
 pub(crate) const QUADS: usize = BLOCK / LANES;
 
-/// Quads in a thread's registers: variables one by one, for what a shader calls an array some drivers keep in memory,
-/// even where each index is a constant.
+/// Quads in a thread's registers, as variables one by one: whether an array's values are kept there is up to the driver.
 pub(crate) type Quads = Sequence<RuntimeCell<Quad>>;
 
 /// So many of zeros.

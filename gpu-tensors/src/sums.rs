@@ -4,7 +4,7 @@ use burn_cubecl::cubecl;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use crate::tensor::{buffer, fresh, units_for, zeros};
+use crate::tensor::{buffer, fresh, units_for, workgroups, zeros};
 
 /// Rows that one thread adds up by itself.
 const CHUNK: usize = 256;
@@ -23,7 +23,9 @@ pub fn column_sums(matrix: &CubeTensor, first: usize, count: usize) -> CubeTenso
     }
     let partial = fresh(matrix, [rows.div_ceil(CHUNK), count]);
     launch(matrix, first, count, CHUNK, &partial);
-    add_rows(&partial, 0, [count])
+    let sums = fresh(matrix, [count]);
+    launch(&partial, 0, count, partial.meta.shape()[0], &sums);
+    sums
 }
 
 /// The same of all columns in turn, as two tensors of which the shapes say how many columns each has.
@@ -35,8 +37,7 @@ pub(crate) fn add_rows_apart<const D: usize, const E: usize>(
     let (one, other) = (fresh(matrix, first), fresh(matrix, then));
     let count: usize = first.iter().product();
     let (rows, width) = (matrix.meta.shape()[0], matrix.meta.shape()[1]);
-    let dim = CubeDim::new_1d((PARTS * COLUMNS) as u32);
-    let cubes = CubeCount::new_1d(width.div_ceil(COLUMNS) as u32);
+    let (cubes, dim) = workgroups(&matrix.client, width.div_ceil(COLUMNS), PARTS * COLUMNS);
     // SAFETY: threads beyond the columns write nothing, and rows end with the matrix.
     unsafe {
         apart_kernel::launch_unchecked(
@@ -52,14 +53,6 @@ pub(crate) fn add_rows_apart<const D: usize, const E: usize>(
         );
     }
     (one, other)
-}
-
-/// The same of few rows, by one thread for each column.
-fn add_rows<const D: usize>(matrix: &CubeTensor, first: usize, shape: [usize; D]) -> CubeTensor {
-    let out = fresh(matrix, shape);
-    let rows = matrix.meta.shape()[0];
-    launch(matrix, first, shape.iter().product(), rows, &out);
-    out
 }
 
 fn launch(matrix: &CubeTensor, first: usize, count: usize, chunk: usize, out: &CubeTensor) {

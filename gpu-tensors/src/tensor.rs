@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use burn::tensor::DType;
+use burn::tensor::{DType, Shape};
 use burn_cubecl::cubecl::ir::{ElemType, FloatKind, IntKind};
 use burn_cubecl::cubecl::prelude::{BufferArg, CubeCount, CubeDim, CubeElement, InputScalar};
 use burn_cubecl::cubecl::{calculate_cube_count_elemwise, client::Client, server::Handle};
@@ -58,20 +58,20 @@ pub fn contiguous_words(tensor: CubeTensor) -> CubeTensor {
 /// A row-major tensor of arbitrary content where `like` is.
 #[must_use]
 pub fn fresh<const D: usize>(like: &CubeTensor, shape: [usize; D]) -> CubeTensor {
+    fresh_of(like, shape.into())
+}
+
+/// [`fresh`] of the shape of `like`.
+#[must_use]
+pub(crate) fn fresh_like(like: &CubeTensor) -> CubeTensor {
+    fresh_of(like, like.meta.shape().clone())
+}
+
+fn fresh_of(like: &CubeTensor, shape: Shape) -> CubeTensor {
     if POISON.load(Ordering::Relaxed) {
         return filled(like, shape, f32::NAN);
     }
     empty(like, shape, DType::F32)
-}
-
-/// A row-major tensor of arbitrary content where `like` is, and of its shape.
-pub(crate) fn empty_like(like: &CubeTensor) -> CubeTensor {
-    numeric::empty_device_contiguous_dtype(
-        like.client.clone(),
-        like.device.clone(),
-        like.meta.shape().clone(),
-        DType::F32,
-    )
 }
 
 /// The most points, whole blocks of them, whose matrices of so many `rows` a device binds as one buffer each, up to a
@@ -87,7 +87,7 @@ pub fn points_at_once(like: &CubeTensor, rows: usize) -> usize {
 /// A row-major tensor of zeros where `like` is.
 #[must_use]
 pub fn zeros<const D: usize>(like: &CubeTensor, shape: [usize; D]) -> CubeTensor {
-    filled(like, shape, 0.0)
+    filled(like, shape.into(), 0.0)
 }
 
 /// [`fresh`] for whole numbers: Burn's `Int`, `u32` for kernels.
@@ -96,7 +96,7 @@ pub fn fresh_words<const D: usize>(like: &CubeTensor, shape: [usize; D]) -> Cube
     if POISON.load(Ordering::Relaxed) {
         return words_filled(like, shape, POISON_WORD);
     }
-    empty(like, shape, DType::I32)
+    empty(like, shape.into(), DType::I32)
 }
 
 /// [`zeros`] for whole numbers: Burn's `Int`, `u32` for kernels.
@@ -105,19 +105,14 @@ pub fn zero_words<const D: usize>(like: &CubeTensor, shape: [usize; D]) -> CubeT
     words_filled(like, shape, 0)
 }
 
-fn empty<const D: usize>(like: &CubeTensor, shape: [usize; D], dtype: DType) -> CubeTensor {
-    numeric::empty_device_contiguous_dtype(
-        like.client.clone(),
-        like.device.clone(),
-        shape.into(),
-        dtype,
-    )
+fn empty(like: &CubeTensor, shape: Shape, dtype: DType) -> CubeTensor {
+    numeric::empty_device_contiguous_dtype(like.client.clone(), like.device.clone(), shape, dtype)
 }
 
-fn filled<const D: usize>(like: &CubeTensor, shape: [usize; D], value: f32) -> CubeTensor {
+fn filled(like: &CubeTensor, shape: Shape, value: f32) -> CubeTensor {
     numeric::full_device_dtype(
         like.client.clone(),
-        shape.into(),
+        shape,
         like.device.clone(),
         InputScalar::new(value, ElemType::Float(FloatKind::F32)),
         DType::F32,
@@ -231,6 +226,14 @@ pub fn upload<T: CubeElement + Default>(client: &Client, values: &[T]) -> Buffer
 /// zero must not be launched.
 #[must_use]
 pub fn units_for(client: &Client, items: usize) -> (CubeCount, CubeDim) {
-    let dim = CubeDim::new_1d(UNITS);
-    (calculate_cube_count_elemwise(client, items, dim), dim)
+    workgroups(client, items.div_ceil(UNITS as usize), UNITS as usize)
+}
+
+/// At least so many workgroups of so many threads, spread likewise; those beyond have nothing to do.
+pub(crate) fn workgroups(client: &Client, count: usize, threads: usize) -> (CubeCount, CubeDim) {
+    let dim = CubeDim::new_1d(threads as u32);
+    (
+        calculate_cube_count_elemwise(client, count * threads, dim),
+        dim,
+    )
 }
