@@ -52,7 +52,7 @@ pub fn built_in(name: &str) -> Result<(), PrepareError> {
 /// The device of a name of the command line, one of [`DEVICES`](crate::config::DEVICES).
 ///
 /// `auto` is a GPU where the build can use one and there is one, through wgpu before CUDA, whose kernels do not yet pass
-/// their tests ([performance](../../docs/performance.md)), else the CPU:
+/// their tests (docs/performance.md), else the CPU:
 /// never a software renderer, which `wgpu` takes when there is nothing else.
 ///
 /// # Errors
@@ -114,7 +114,7 @@ pub(crate) fn verify(chosen: &ChosenDevice, name: &str) -> Result<(), PrepareErr
         name: name.to_owned(),
         remedy: format!(
             "{} does not compute what it is asked for: its driver, or CUDA's toolkit, does not fit this build; \
-             choose {OTHERS}",
+             choose another --device, cpu at the least",
             chosen.name
         ),
     })

@@ -32,8 +32,8 @@ const MEASUREMENTS: usize = 3;
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct DeviceReport {
     device: String,
-    trained_samples_per_s: f64,
-    step_ms: f64,
+    /// At the paper's sizes.
+    #[serde(flatten)]
     step: DeviceSteps,
     /// Of the sdf field's forward and backward together.
     roofline_share: f64,
@@ -124,8 +124,6 @@ pub(crate) fn measure(
     let least = |op: &DeviceOp| op.ms * op.arithmetic_share.max(op.bandwidth_share);
     Ok(DeviceReport {
         device: chosen.name.clone(),
-        trained_samples_per_s: step.trained_samples_per_s,
-        step_ms: step.step_ms,
         step,
         roofline_share: of_sdf().map(least).sum::<f64>() / of_sdf().map(|op| op.ms).sum::<f64>(),
         peak_gflops: rates.gflops,
