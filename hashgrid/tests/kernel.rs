@@ -78,6 +78,14 @@ fn kernel(
     let mut alone = vec![f32::NAN; values.len()];
     cpu::encode_tile(layout, active, table, &x, &y, &z, &mut alone, None);
     assert_eq!(alone, values);
+    for level in 0..active {
+        cpu::fetch_level(layout, level, table);
+        let (mut own, mut slopes) = (vec![f32::NAN; 2 * p], vec![f32::NAN; 6 * p]);
+        let position = [&x[..], &y[..], &z[..]];
+        cpu::encode_level(layout, level, table, position, &mut own, Some(&mut slopes));
+        assert_eq!(own, values[2 * level * p..][..2 * p], "level {level}");
+        assert_eq!(slopes, jacobian[6 * level * p..][..6 * p], "level {level}");
+    }
     (p, values, jacobian)
 }
 

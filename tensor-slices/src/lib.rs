@@ -21,6 +21,7 @@
 pub mod elementary;
 mod flex;
 mod ndarray;
+mod past_caches;
 mod scratch;
 mod stopwatch;
 
@@ -28,6 +29,7 @@ use std::borrow::Cow;
 
 use burn::backend::{Backend, tensor::FloatTensor};
 
+pub use past_caches::copy_past_caches;
 pub use scratch::Scratch;
 pub use stopwatch::{Lap, Stopwatch};
 

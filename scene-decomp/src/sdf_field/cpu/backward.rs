@@ -8,7 +8,8 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use tensor_slices::{Scratch, Stopwatch};
 
-use super::forward::{Saved, Tile, slope_of_hidden};
+use super::forward::{Saved, Tile};
+use super::forward_tile::slope_of_hidden;
 use super::passes::Passes;
 use super::weights::Weights;
 use crate::sdf_field::Normal;

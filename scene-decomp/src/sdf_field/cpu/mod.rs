@@ -1,7 +1,9 @@
 //! The op over slices, independent of any backend.
 
 mod backward;
+mod by_levels;
 mod forward;
+mod forward_tile;
 mod passes;
 mod tape;
 mod weights;
