@@ -56,5 +56,6 @@ pub use sums::column_sums;
 #[cfg(feature = "cube")]
 pub use tensor::{
     UNITS, Uploaded, add, buffer, contiguous, contiguous_words, fresh, fresh_words, from_slice,
-    own, points_at_once, poison_fresh_memory, read, units_for, upload, zero_words, zeros,
+    own, points_at_once, poison_fresh_memory, read, units_for, upload, workgroups, zero_words,
+    zeros,
 };

@@ -230,7 +230,8 @@ pub fn units_for(client: &Client, items: usize) -> (CubeCount, CubeDim) {
 }
 
 /// At least so many workgroups of so many threads, spread likewise; those beyond have nothing to do.
-pub(crate) fn workgroups(client: &Client, count: usize, threads: usize) -> (CubeCount, CubeDim) {
+#[must_use]
+pub fn workgroups(client: &Client, count: usize, threads: usize) -> (CubeCount, CubeDim) {
     let dim = CubeDim::new_1d(threads as u32);
     (
         calculate_cube_count_elemwise(client, count * threads, dim),

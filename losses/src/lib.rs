@@ -24,6 +24,7 @@
 //! **Contents.** [`ColourLoss`] compares rendered and photographed colours, [`background_loss`] does so
 //! for the background alone; [`eikonal_loss`], [`sparsity_loss`], [`point_loss`] and
 //! [`curvature_loss`] shape the signed distance; [`mask_loss`] and [`opacity_entropy`] the opacity.
+//! [`row_losses`] takes many of those that are of the same rows in one pass, with kernels for CPUs and GPUs.
 //! [`Schedule`] gives the weight of a loss, or the learning rate, at a training step.
 //!
 //! **Notation.** `rays` and `n` are numbers of rays and points. Weights `w` are one number per
@@ -52,6 +53,7 @@ mod huber;
 mod mask;
 mod points;
 mod reduction;
+pub mod row_losses;
 mod schedule;
 mod shape;
 mod sparsity;
@@ -63,5 +65,6 @@ pub use eikonal::{eikonal_loss, eikonal_loss_of_lengths};
 pub use entropy::opacity_entropy;
 pub use mask::{OPACITY_OFFSET, ignore_band, mask_loss};
 pub use points::{PointPenalty, point_loss};
+pub use row_losses::{RowLoss, RowTerm, mean_weights, row_losses, row_losses_reference};
 pub use schedule::{Knot, Knots, Schedule, ScheduleError};
 pub use sparsity::{SparsityForm, sparsity_loss};

@@ -20,7 +20,7 @@ const ALLOWED: [(&str, &[&str]); 18] = [
     ("gpu-tensors", &[]),
     ("hashgrid", &["gpu-tensors", "tensor-slices"]),
     ("neus-render", &["gpu-tensors", "tensor-slices"]),
-    ("losses", &[]),
+    ("losses", &["gpu-tensors", "tensor-slices"]),
     (
         "scene-decomp",
         &["gpu-tensors", "hashgrid", "neus-render", "tensor-slices"],
@@ -88,8 +88,7 @@ const ALLOWED: [(&str, &[&str]); 18] = [
 ];
 
 /// What a crate's own tests may use beyond that.
-const ALLOWED_IN_TESTS: [(&str, &[&str]); 3] = [
-    ("losses", &["tensor-slices"]),
+const ALLOWED_IN_TESTS: [(&str, &[&str]); 2] = [
     ("scene-capture", &["demo-scene"]),
     // Reads back what is written for other tools.
     ("scene-export", &["scene-import"]),

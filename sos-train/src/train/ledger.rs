@@ -17,8 +17,17 @@ pub struct Ledger {
 impl Ledger {
     /// Adds a loss `[1]` to its entry.
     pub(super) fn note(&mut self, loss: &Tensor<1>, entry: Entry) {
-        self.values.push(loss.clone().detach());
-        self.entries.push(entry);
+        self.note_all(loss, [entry]);
+    }
+
+    /// Adds losses to their entries, one each.
+    pub(super) fn note_all(
+        &mut self,
+        losses: &Tensor<1>,
+        entries: impl IntoIterator<Item = Entry>,
+    ) {
+        self.values.push(losses.clone().detach());
+        self.entries.extend(entries);
     }
 
     /// The sums of all entries. Waits for the device.

@@ -15,6 +15,7 @@ pub mod grids;
 pub mod ledger;
 mod order;
 mod outlook;
+mod pixel_losses;
 mod probes;
 mod representatives;
 mod rounds;

@@ -6,21 +6,22 @@ use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 use glam::Vec3;
 use hashgrid::{GridLayout, SparseGrad};
-use losses::{ColourLoss, OPACITY_OFFSET, background_loss, eikonal_loss_of_lengths, mask_loss};
+use losses::{ColourLoss, RowLoss, RowTerm, mean_weights, row_losses};
 use neus_render::composite::{self, column};
 use scene_decomp::colour_field::{Reading, RowConfig};
 use scene_decomp::sdf_field::SdfFieldConfig;
 use scene_decomp::{Scene, Sharpness};
 
 use super::batch::{FieldSamples, MarchedBatch};
-use super::blend::blend;
+use super::blend::{Blended, blend};
 use super::distortion::Spread;
 use super::ledger::{Entry, Ledger};
+use super::pixel_losses::PixelLosses;
 use super::sampler::RayBatch;
 use super::semantic;
 use super::shape_losses::Shape;
 use super::visible::composite_config;
-use crate::config::{self, Blend, Fields, TrainConfig, Transparency};
+use crate::config::{self, AlphaSource, Blend, Fields, ModelConfig, TrainConfig, Transparency};
 use crate::prepare::{Label, Vote};
 
 /// What is fixed over a run.
@@ -137,12 +138,6 @@ pub(super) fn constant(values: &[f32], columns: usize, device: &Device) -> Tenso
     Tensor::from_data(TensorData::new(values.to_vec(), [rows, columns]), device)
 }
 
-/// A list as a tensor without gradient.
-fn list(values: Vec<f32>, device: &Device) -> Tensor<1> {
-    let n = values.len();
-    Tensor::from_data(TensorData::new(values, [n]), device)
-}
-
 /// What is known about a batch's rays from looking ahead and back.
 #[derive(Clone, Copy, Debug)]
 pub struct Known<'a> {
@@ -205,52 +200,16 @@ pub fn loss(
         compositing,
         &config.model,
     );
-    let photo = constant(&batch.colours, 3, device);
-    let joint = pixels.colour;
-    let first = column::OBJECT_OPACITY;
-    let opacity = pixels.rendered.clone().slice([0..n_rays, first..first + 1]);
-    let matte = pixels.matte.reshape([n_rays]);
-
     let mut ledger = Ledger::default();
-    // Without BaCo nothing explains what is not the object.
-    let explained = (config.model.fields == Fields::Object).then(|| {
-        let share = |label: &Label| {
-            let (target, trust) = label.target();
-            target * trust
-        };
-        list(batch.labels.iter().map(share).collect(), device)
-    });
-    let mse = match &explained {
-        Some(weights) => ColourLoss::L2.loss(joint.clone(), photo.clone(), Some(weights.clone())),
-        None => (joint.clone() - photo.clone()).powf_scalar(2.0).mean(),
-    };
-    ledger.note(&mse, |losses| &mut losses.mse);
-    let kind = match weights.colour {
-        config::ColourLoss::L2 => ColourLoss::L2,
-        config::ColourLoss::L1 => ColourLoss::L1,
-        config::ColourLoss::Huber => ColourLoss::Huber {
-            delta: weights.huber_delta,
-        },
-    };
-    let mut total = kind.loss(joint, photo.clone(), explained);
-    ledger.note(&total, |losses| &mut losses.colour);
+    let (rows, at) = pixel_rows(&pixels, &config.model);
+    let losses = pixel_losses(config, schedule, batch, known, at);
+    let mut total = losses.sum(rows, &mut ledger, device);
     let mut add = |part: Tensor<1>, weight: f32, entry: Entry| {
         if weight > 0.0 {
             ledger.note(&part, entry);
             total = total.clone() + part.mul_scalar(weight);
         }
     };
-
-    if config.model.fields == Fields::Both && weights.background > 0.0 {
-        let first = column::BACKGROUND_COLOUR;
-        let alone = pixels.rendered.clone().slice([0..n_rays, first..first + 3]);
-        let outside = batch
-            .labels
-            .iter()
-            .map(|l| f32::from(u8::from(*l == Label::Background)));
-        let part = background_loss(kind, alone, photo, list(outside.collect(), device));
-        add(part, weights.background, |losses| &mut losses.background);
-    }
     if config.model.fields == Fields::Semantic {
         let share = semantic::share(
             background.clone(),
@@ -261,45 +220,6 @@ pub fn loss(
         );
         let part = semantic::loss(share, &batch.masks);
         add(part, weights.semantic, |losses| &mut losses.mask);
-    }
-    if schedule.mask_weight > 0.0 {
-        let targets = batch.labels.iter().map(|l| l.target());
-        let part = mask_loss_of(&matte, targets);
-        add(part, schedule.mask_weight, |losses| &mut losses.mask);
-    }
-    let mask_trust = known.mask_trust;
-    if weights.mask_trusted > 0.0 && mask_trust.iter().any(|trust| *trust > 0.0) {
-        let targets = batch.votes.iter().zip(mask_trust).map(|(vote, trust)| {
-            vote.map_or((0.0, 0.0), |vote| {
-                (f32::from(u8::from(vote.object)), *trust)
-            })
-        });
-        let part = mask_loss_of(&matte, targets);
-        add(part, weights.mask_trusted, |losses| &mut losses.mask);
-    }
-    if weights.hidden > 0.0 && config.model.blend == Blend::Sample {
-        let visible = batch.votes.iter().enumerate().map(|(ray, vote)| {
-            let background = known.box_background.get(ray).copied().unwrap_or(0.0);
-            vote.map_or(0.0, |vote| bare(vote, background))
-        });
-        let opacity = opacity.reshape([n_rays]).detach();
-        // Of the surface, whoever draws the matte: an alpha head that holds back hides nothing.
-        let seen = (pixels.rendered.clone())
-            .slice([0..n_rays, column::MATTE..column::MATTE + 1])
-            .reshape([n_rays]);
-        let part = (opacity - seen)
-            .clamp_min(0.0)
-            .mul(list(visible.collect(), device))
-            .mean();
-        add(part, weights.hidden, |losses| &mut losses.hidden);
-    }
-    if known.spread.is_some() {
-        let [spread, far] = [column::MARKS, column::MARKS + 1]
-            .map(|of| pixels.rendered.clone().slice([0..n_rays, of..of + 1]));
-        add(spread.mean(), weights.distortion, |losses| {
-            &mut losses.distortion
-        });
-        add(far.mean(), schedule.far_weight, |losses| &mut losses.far);
     }
     // What follows speaks of a distance.
     let surface = !marched.object.is_empty() && config.model.foreground == Transparency::Sdf;
@@ -336,28 +256,142 @@ pub fn loss(
     Some((total, ledger))
 }
 
-/// The mask loss of mattes `[rays]`, each with what it should be and how much that counts.
-///
-/// Of the visible share, not of the object's own opacity: what stands before it hides it.
-fn mask_loss_of(matte: &Tensor<1>, wanted: impl Iterator<Item = (f32, f32)>) -> Tensor<1> {
-    let device = matte.device();
-    let (targets, trust) = wanted.unzip();
-    // The offset keeps a gradient where the matte is 1 and should be 0.
-    let hidden = matte.clone().neg().add_scalar(1.0 + OPACITY_OFFSET).log();
-    mask_loss(
-        matte.clone(),
-        hidden,
-        list(targets, &device),
-        Some(list(trust, &device)),
-    )
+/// Columns of the pixels' rows that losses are of.
+#[derive(Clone, Copy, Debug)]
+struct At {
+    colour: usize,
+    matte: usize,
+}
+
+/// The pixels as rows for [`row_losses`], with what both fields make of them behind what compositing gave, where that does
+/// not hold it.
+fn pixel_rows(pixels: &Blended, model: &ModelConfig) -> (Tensor<2>, At) {
+    let rows = pixels.rendered.clone();
+    if model.blend == Blend::Sample && model.alpha != AlphaSource::Head {
+        let at = At {
+            colour: column::JOINT_COLOUR,
+            matte: column::MATTE,
+        };
+        return (rows, at);
+    }
+    let at = At {
+        colour: column::COUNT,
+        matte: column::COUNT + 3,
+    };
+    let parts = vec![rows, pixels.colour.clone(), pixels.matte.clone()];
+    (Tensor::cat(parts, 1), at)
+}
+
+/// The losses of pixels.
+fn pixel_losses(
+    config: &TrainConfig,
+    schedule: StepSchedule,
+    batch: &RayBatch,
+    known: Known<'_>,
+    at: At,
+) -> PixelLosses {
+    let weights = &config.loss;
+    let mut losses = PixelLosses::new(batch.rays.len());
+    let [photo, ..] = [0, 1, 2]
+        .map(|channel| losses.know(batch.colours.iter().skip(channel).step_by(3).copied()));
+    let kind = match weights.colour {
+        config::ColourLoss::L2 => ColourLoss::L2,
+        config::ColourLoss::L1 => ColourLoss::L1,
+        config::ColourLoss::Huber => ColourLoss::Huber {
+            delta: weights.huber_delta,
+        },
+    };
+    let colour = |kind, colour| RowLoss::Colour {
+        kind,
+        colour,
+        photo,
+    };
+    // Without BaCo nothing explains what is not the object.
+    let explained = if config.model.fields == Fields::Object {
+        let share = |label: &Label| {
+            let (target, trust) = label.target();
+            target * trust
+        };
+        losses.know_weights(batch.labels.iter().map(share))
+    } else {
+        losses.mean()
+    };
+    let squares = colour(ColourLoss::L2, at.colour);
+    losses.add(squares, explained, 0.0, |losses| &mut losses.mse);
+    let joint = colour(kind, at.colour);
+    losses.add(joint, explained, 1.0, |losses| &mut losses.colour);
+    if config.model.fields == Fields::Both && weights.background > 0.0 {
+        let outside = (batch.labels.iter()).map(|l| f32::from(u8::from(*l == Label::Background)));
+        let outside = losses.know_weights(outside);
+        let alone = colour(kind, column::BACKGROUND_COLOUR);
+        losses.add(alone, outside, weights.background, |losses| {
+            &mut losses.background
+        });
+    }
+    // Of the visible share, not of the object's own opacity: what stands before it hides it.
+    let mut add_masks = |wanted: Vec<(f32, f32)>, weight: f32| {
+        let (targets, trust): (Vec<f32>, Vec<f32>) = wanted.into_iter().unzip();
+        let mask = losses.know(targets);
+        let trust = losses.know_weights(trust);
+        let opacity = at.matte;
+        losses.add(RowLoss::Mask { opacity, mask }, trust, weight, |losses| {
+            &mut losses.mask
+        });
+    };
+    if schedule.mask_weight > 0.0 {
+        let targets = batch.labels.iter().map(|l| l.target());
+        add_masks(targets.collect(), schedule.mask_weight);
+    }
+    let mask_trust = known.mask_trust;
+    if weights.mask_trusted > 0.0 && mask_trust.iter().any(|trust| *trust > 0.0) {
+        let targets = batch.votes.iter().zip(mask_trust).map(|(vote, trust)| {
+            vote.map_or((0.0, 0.0), |vote| {
+                (f32::from(u8::from(vote.object)), *trust)
+            })
+        });
+        add_masks(targets.collect(), weights.mask_trusted);
+    }
+    if weights.hidden > 0.0 && config.model.blend == Blend::Sample {
+        let n = batch.rays.len() as f32;
+        let visible = batch.votes.iter().enumerate().map(|(ray, vote)| {
+            let background = known.box_background.get(ray).copied().unwrap_or(0.0);
+            vote.map_or(0.0, |vote| bare(vote, background)) / n
+        });
+        let visible = losses.know(visible);
+        // Of the surface, whoever draws the matte: an alpha head that holds back hides nothing.
+        let hidden = RowLoss::Shortfall {
+            seen: column::MATTE,
+            most: column::OBJECT_OPACITY,
+        };
+        losses.add(hidden, visible, weights.hidden, |losses| &mut losses.hidden);
+    }
+    if known.spread.is_some() {
+        let mean = losses.mean();
+        let mut add_marks = |mark: usize, weight: f32, entry: Entry| {
+            if weight > 0.0 {
+                let column = column::MARKS + mark;
+                losses.add(RowLoss::Value { column }, mean, weight, entry);
+            }
+        };
+        add_marks(0, weights.distortion, |losses| &mut losses.distortion);
+        add_marks(1, schedule.far_weight, |losses| &mut losses.far);
+    }
+    losses
 }
 
 /// The eikonal loss of samples with these `rows`, whose last column is the normal's length.
 fn eikonal_of(rows: Tensor<2>, at: &FieldSamples, device: &Device) -> Tensor<1> {
     let [m, columns] = rows.dims();
-    let lengths = rows.slice([0..m, columns - 1..columns]).reshape([m]);
-    let counts = (!at.stands_for.is_empty()).then(|| list(at.stands_for.clone(), device));
-    eikonal_loss_of_lengths(lengths, counts)
+    let counts = if at.stands_for.is_empty() {
+        vec![1.0; m]
+    } else {
+        at.stands_for.clone()
+    };
+    let loss = RowLoss::UnitLength {
+        length: columns - 1,
+    };
+    let term = RowTerm { loss, weight: 0 };
+    row_losses(rows, constant(&mean_weights(counts), 1, device), vec![term])
 }
 
 /// FoCoR's samples as rows for compositing, `[m, 7]`.

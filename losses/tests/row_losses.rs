@@ -1,0 +1,228 @@
+//! Losses of rows in one pass: against the same in tensor operations, against finite differences, and at the edges.
+
+mod support;
+
+use burn::tensor::{Device, Tensor, TensorData};
+use losses::{
+    ColourLoss, RowLoss, RowTerm, background_loss, eikonal_loss_of_lengths, mask_loss,
+    mean_weights, row_losses, row_losses_reference,
+};
+use support::devices;
+
+/// Columns of the rows below: colour, opacity, another opacity, a length, one that nothing is asked of.
+const COLUMNS: usize = 7;
+/// Columns that are known: photo, mask, two kinds of weights.
+const KNOWN: usize = 6;
+
+fn terms() -> Vec<RowTerm> {
+    let colour = |kind| RowLoss::Colour {
+        kind,
+        colour: 0,
+        photo: 0,
+    };
+    [
+        (colour(ColourLoss::L2), 4),
+        (colour(ColourLoss::L1), 5),
+        (colour(ColourLoss::Huber { delta: 0.2 }), 4),
+        (
+            RowLoss::Mask {
+                opacity: 3,
+                mask: 3,
+            },
+            5,
+        ),
+        (RowLoss::Shortfall { seen: 3, most: 4 }, 4),
+        (RowLoss::Value { column: 5 }, 5),
+        (RowLoss::UnitLength { length: 5 }, 4),
+    ]
+    .map(|(loss, weight)| RowTerm { loss, weight })
+    .to_vec()
+}
+
+/// Numbers in `[0, 1)`.
+fn numbers(count: usize, seed: u32) -> Vec<f32> {
+    let mut state = seed;
+    (0..count)
+        .map(|_| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32
+        })
+        .collect()
+}
+
+fn matrix(values: &[f32], columns: usize, device: &Device) -> Tensor<2> {
+    let data = TensorData::new(values.to_vec(), [values.len() / columns, columns]);
+    Tensor::from_data(data, device)
+}
+
+fn list<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor.into_data().try_into_vec::<f32>().expect("f32")
+}
+
+/// The losses, and the gradient of a mix of them by the rows.
+fn run(
+    device: &Device,
+    rows: &[f32],
+    known: &[f32],
+    of: impl Fn(Tensor<2>, Tensor<2>, Vec<RowTerm>) -> Tensor<1>,
+) -> [Vec<f32>; 2] {
+    let rows = matrix(rows, COLUMNS, device).require_grad();
+    let losses = of(rows.clone(), matrix(known, KNOWN, device), terms());
+    let mix = Tensor::from_floats([1.0, -2.0, 0.5, 3.0, 1.5, -0.7, 0.2], device);
+    let gradients = (losses.clone() * mix).sum().backward();
+    [list(losses), list(rows.grad(&gradients).expect("tracked"))]
+}
+
+fn assert_close(what: &str, found: &[f32], expected: &[f32], tolerance: f32) {
+    assert_eq!(found.len(), expected.len(), "{what}");
+    let largest = expected.iter().fold(1e-6_f32, |a, b| a.max(b.abs()));
+    for (i, (f, e)) in found.iter().zip(expected).enumerate() {
+        assert!(
+            (f - e).abs() <= tolerance * largest,
+            "{what}[{i}]: {f}, expected {e}"
+        );
+    }
+}
+
+/// More rows than a task takes, and few.
+#[test]
+fn one_pass_says_what_tensor_operations_say() {
+    for (backend, device) in devices() {
+        for n in [1, 3, 9001] {
+            let (rows, known) = (numbers(n * COLUMNS, 1), numbers(n * KNOWN, 2));
+            let found = run(&device, &rows, &known, row_losses);
+            let expected = run(&device, &rows, &known, |rows, known, terms| {
+                row_losses_reference(rows, known, &terms)
+            });
+            for (what, (f, e)) in ["losses", "gradient"]
+                .iter()
+                .zip(found.iter().zip(&expected))
+            {
+                assert_close(&format!("{what} of {n} rows, {backend}"), f, e, 1e-5);
+            }
+        }
+    }
+}
+
+/// Central differences of each term by itself; nothing lies near a kink.
+#[test]
+fn gradients_are_finite_differences() {
+    let (rows, known) = (numbers(5 * COLUMNS, 7), numbers(5 * KNOWN, 0x9E37_79B9));
+    let (_, device) = devices().into_iter().next().expect("a device");
+    for (t, term) in terms().into_iter().enumerate() {
+        let value = |rows: &[f32]| {
+            let rows = matrix(rows, COLUMNS, &device);
+            list(row_losses(rows, matrix(&known, KNOWN, &device), vec![term]))[0]
+        };
+        let leaf = matrix(&rows, COLUMNS, &device).require_grad();
+        let loss = row_losses(leaf.clone(), matrix(&known, KNOWN, &device), vec![term]);
+        let gradient = list(leaf.grad(&loss.sum().backward()).expect("tracked"));
+        let step = 1e-3;
+        for i in 0..rows.len() {
+            // No gradient flows to what others are compared with.
+            if t == 4 && i % COLUMNS == 4 {
+                assert_eq!(gradient[i], 0.0);
+                continue;
+            }
+            let (mut low, mut high) = (rows.clone(), rows.clone());
+            low[i] -= step;
+            high[i] += step;
+            let slope = (value(&high) - value(&low)) / (2.0 * step);
+            assert!(
+                (gradient[i] - slope).abs() < 2e-3 * (1.0 + slope.abs()),
+                "{term:?}, value {i}: {} instead of {slope}",
+                gradient[i]
+            );
+        }
+    }
+}
+
+/// The losses that terms are named after.
+#[test]
+fn terms_are_the_losses_they_name() {
+    for (_, device) in devices() {
+        let n = 40;
+        let (rows, mut known) = (numbers(n * COLUMNS, 3), numbers(n * KNOWN, 4));
+        let weights: Vec<f32> = known.iter().skip(4).step_by(KNOWN).copied().collect();
+        for (known, weight) in known
+            .chunks_exact_mut(KNOWN)
+            .zip(mean_weights(weights.clone()))
+        {
+            known[4] = weight;
+        }
+        let (rows, known) = (
+            matrix(&rows, COLUMNS, &device),
+            matrix(&known, KNOWN, &device),
+        );
+        let column = |of: &Tensor<2>, column: usize| of.clone().narrow(1, column, 1).reshape([n]);
+        let weights = Tensor::<1>::from_floats(&weights[..], &device);
+        let (colour, photo) = (rows.clone().narrow(1, 0, 3), known.clone().narrow(1, 0, 3));
+        let opacity = column(&rows, 3);
+        let hidden = opacity
+            .clone()
+            .neg()
+            .add_scalar(1.0 + losses::OPACITY_OFFSET)
+            .log();
+        let expected = [
+            background_loss(ColourLoss::L2, colour, photo, weights.clone()),
+            mask_loss(opacity, hidden, column(&known, 3), Some(weights.clone())),
+            eikonal_loss_of_lengths(column(&rows, 5), Some(weights)),
+        ];
+        let mut terms = terms();
+        terms[3].weight = 4;
+        let found = list(row_losses(rows, known, vec![terms[0], terms[3], terms[6]]));
+        for (found, expected) in found.iter().zip(expected) {
+            let expected = list(expected)[0];
+            assert!((found - expected).abs() < 2e-6, "{found} {expected}");
+        }
+    }
+}
+
+#[test]
+fn nothing_is_zero_and_stays_differentiable() {
+    for (_, device) in devices() {
+        let [losses, gradient] = run(&device, &[], &[], row_losses);
+        assert_eq!(losses, vec![0.0; 7]);
+        assert!(gradient.is_empty());
+    }
+    assert_eq!(mean_weights(vec![0.0, 0.0]), [0.0, 0.0]);
+    assert_eq!(mean_weights(vec![1.0, 3.0]), [0.25, 0.75]);
+}
+
+/// An opacity of 1 that should be 0, and the other way round, has a gradient; colours that are right have none.
+#[test]
+fn kinks_have_the_gradients_that_training_needs() {
+    let (_, device) = devices().into_iter().next().expect("a device");
+    let gradient = |row: [f32; COLUMNS], known: [f32; KNOWN], term: usize| {
+        let leaf = matrix(&row, COLUMNS, &device).require_grad();
+        let loss = row_losses(
+            leaf.clone(),
+            matrix(&known, KNOWN, &device),
+            vec![terms()[term]],
+        );
+        list(leaf.grad(&loss.sum().backward()).expect("tracked"))
+    };
+    let (row, known) = (
+        [0.5, 0.5, 0.5, 1.0, 1.0, 1.0, 0.0],
+        [0.5, 0.5, 0.5, 0.0, 1.0, 1.0],
+    );
+    assert!((gradient(row, known, 3)[3] - 1000.0).abs() < 1.0);
+    for term in [0, 1, 2, 4, 6] {
+        assert_eq!(gradient(row, known, term), [0.0; COLUMNS], "term {term}");
+    }
+}
+
+#[test]
+#[should_panic(
+    expected = "row_losses: RowTerm { loss: Value { column: 7 }, weight: 0 } is of more than 7 columns"
+)]
+fn a_column_that_is_not_there_is_refused() {
+    let (_, device) = devices().into_iter().next().expect("a device");
+    let loss = RowLoss::Value { column: COLUMNS };
+    let term = RowTerm { loss, weight: 0 };
+    let _ = row_losses(
+        matrix(&[0.0; 7], COLUMNS, &device),
+        matrix(&[0.0; 6], KNOWN, &device),
+        vec![term],
+    );
+}

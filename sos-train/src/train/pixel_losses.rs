@@ -1,0 +1,87 @@
+//! Losses that are sums over pixels, gathered for one pass.
+
+use burn::Tensor;
+use burn::tensor::{Device, TensorData};
+use losses::{RowLoss, RowTerm, mean_weights, row_losses};
+
+use super::ledger::{Entry, Ledger};
+
+/// Terms and what is known of each pixel.
+#[derive(Debug)]
+pub(super) struct PixelLosses {
+    rays: usize,
+    /// What is known, column by column.
+    known: Vec<Vec<f32>>,
+    terms: Vec<RowTerm>,
+    /// Of each term in the sum.
+    weights: Vec<f32>,
+    entries: Vec<Entry>,
+    /// The known column of equal weights, once there is one.
+    mean: Option<usize>,
+}
+
+impl PixelLosses {
+    pub(super) fn new(rays: usize) -> Self {
+        Self {
+            rays,
+            known: Vec::new(),
+            terms: Vec::new(),
+            weights: Vec::new(),
+            entries: Vec::new(),
+            mean: None,
+        }
+    }
+
+    /// Something known of each pixel; returns its column.
+    ///
+    /// # Panics
+    /// When it is not of as many pixels.
+    pub(super) fn know(&mut self, values: impl IntoIterator<Item = f32>) -> usize {
+        let column: Vec<f32> = values.into_iter().collect();
+        assert_eq!(column.len(), self.rays, "PixelLosses: pixels");
+        self.known.push(column);
+        self.known.len() - 1
+    }
+
+    /// Weights for a mean over pixels; returns their column.
+    pub(super) fn know_weights(&mut self, weights: impl IntoIterator<Item = f32>) -> usize {
+        self.know(mean_weights(weights.into_iter().collect()))
+    }
+
+    /// The weights of a plain mean.
+    pub(super) fn mean(&mut self) -> usize {
+        if let Some(column) = self.mean {
+            return column;
+        }
+        let column = self.know_weights(vec![1.0; self.rays]);
+        self.mean = Some(column);
+        column
+    }
+
+    /// A loss, the known column of pixels' weights, and what it weighs in the sum: 0 where it is only written down.
+    pub(super) fn add(&mut self, loss: RowLoss, pixels: usize, weight: f32, entry: Entry) {
+        self.terms.push(RowTerm {
+            loss,
+            weight: pixels,
+        });
+        self.weights.push(weight);
+        self.entries.push(entry);
+    }
+
+    /// The weighted sum of all losses of the pixels' `rows`, `[1]`, each of which is written into `ledger`.
+    pub(super) fn sum(self, rows: Tensor<2>, ledger: &mut Ledger, device: &Device) -> Tensor<1> {
+        let width = self.known.len();
+        let mut known = vec![0.0; width * self.rays];
+        for (column, values) in self.known.iter().enumerate() {
+            for (row, value) in known.chunks_exact_mut(width).zip(values) {
+                row[column] = *value;
+            }
+        }
+        let known = Tensor::from_data(TensorData::new(known, [self.rays, width]), device);
+        let count = self.weights.len();
+        let weights = Tensor::from_data(TensorData::new(self.weights, [count]), device);
+        let losses = row_losses(rows, known, self.terms);
+        ledger.note_all(&losses, self.entries);
+        (losses * weights).sum()
+    }
+}

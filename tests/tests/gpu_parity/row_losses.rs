@@ -1,0 +1,106 @@
+//! `row_losses`: sums, and the gradient of the rows.
+
+use burn::tensor::Device;
+use losses::{ColourLoss, RowLoss, RowTerm, row_losses, row_losses_reference};
+
+use crate::support::{
+    GRADIENT, Random, VALUE, assert_close, assert_columns_close, assert_same_numbers, gpu, numbers,
+    oracle, tensor,
+};
+
+/// Columns of the rows, and of what is known of them.
+const COLUMNS: usize = 7;
+const KNOWN: usize = 6;
+
+fn terms() -> Vec<RowTerm> {
+    let colour = |kind| RowLoss::Colour {
+        kind,
+        colour: 1,
+        photo: 0,
+    };
+    [
+        (colour(ColourLoss::L2), 4),
+        (colour(ColourLoss::L1), 5),
+        (colour(ColourLoss::Huber { delta: 0.2 }), 4),
+        (
+            RowLoss::Mask {
+                opacity: 0,
+                mask: 3,
+            },
+            5,
+        ),
+        (RowLoss::Shortfall { seen: 0, most: 4 }, 4),
+        (RowLoss::Value { column: 5 }, 5),
+        (RowLoss::UnitLength { length: 5 }, 4),
+    ]
+    .map(|(loss, weight)| RowTerm { loss, weight })
+    .to_vec()
+}
+
+/// Numbers in `[0, 1)`.
+fn units(count: usize, seed: u32) -> Vec<f32> {
+    let values = Random(seed).list(count);
+    values.iter().map(|value| 0.5 * (value + 1.0)).collect()
+}
+
+/// The sums, and the gradient of a mix of them.
+fn run(rows: &[f32], known: &[f32], device: &Device, kernel: bool) -> [Vec<f64>; 2] {
+    let device = &device.clone().autodiff();
+    let n = rows.len() / COLUMNS;
+    let rows = tensor(rows, [n, COLUMNS], device).require_grad();
+    let known = tensor(known, [n, KNOWN], device);
+    let sums = if kernel {
+        row_losses(rows.clone(), known, terms())
+    } else {
+        row_losses_reference(rows.clone(), known, &terms())
+    };
+    let mix = tensor(&[1.0, -2.0, 0.5, 3.0, 1.5, -0.7, 0.2], [7], device);
+    let gradients = (sums.clone() * mix).sum().backward();
+    let gradient = rows.grad(&gradients).map(numbers).unwrap_or_default();
+    [numbers(sums), gradient]
+}
+
+/// One row, about a workgroup's, more than one workgroup takes, and more than all take at once.
+#[test]
+fn sums_and_gradients_are_the_references() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    for n in [1, 255, 1025, 70_001] {
+        let (rows, known) = (units(n * COLUMNS, 1), units(n * KNOWN, 2));
+        let [sums, gradient] = run(&rows, &known, &gpu, true);
+        let [expected_sums, expected_gradient] = run(&rows, &known, &oracle(), false);
+        for (t, (found, expected)) in sums.iter().zip(&expected_sums).enumerate() {
+            let what = format!("term {t} of {n} rows");
+            assert_close(&what, &[*found], &[*expected], VALUE);
+        }
+        let what = format!("gradient of {n} rows");
+        assert_columns_close(&what, &gradient, &expected_gradient, COLUMNS, GRADIENT);
+    }
+}
+
+#[test]
+fn there_may_be_no_rows() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let [sums, gradient] = run(&[], &[], &gpu, true);
+    assert_eq!(sums, [0.0; 7]);
+    assert!(gradient.is_empty());
+}
+
+/// A number that is none makes the sums of its terms none, and no gradient but its own row's.
+#[test]
+fn poison_stays_where_it_is() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let n = 300;
+    let (mut rows, known) = (units(n * COLUMNS, 1), units(n * KNOWN, 2));
+    rows[130 * COLUMNS + 5] = f32::NAN;
+    let [sums, gradient] = run(&rows, &known, &gpu, true);
+    let [expected_sums, expected_gradient] = run(&rows, &known, &oracle(), false);
+    assert!(sums[5].is_nan() && sums[6].is_nan());
+    assert_same_numbers("sums", &sums, &expected_sums, VALUE);
+    assert_same_numbers("gradient", &gradient, &expected_gradient, GRADIENT);
+}
