@@ -316,7 +316,7 @@ fn slope(
         slope = (1.0f32 - m) / (comptime!(1.0f32 + OPACITY_OFFSET) - x) - m / (x + OPACITY_OFFSET);
     } else if comptime!(term.kind == Kind::Shortfall) {
         let most = rows[from + comptime!(term.other)];
-        slope = select(most > x, -1.0f32, 0.0f32);
+        slope = select(most >= x, -1.0f32, 0.0f32);
     } else if comptime!(term.kind == Kind::UnitLength) {
         slope = 2.0f32 * (x - 1.0f32);
     }

@@ -42,7 +42,8 @@ pub enum RowLoss {
         /// The known column of the mask, in [0, 1].
         mask: usize,
     },
-    /// `max(0, most - seen)`, whose gradient flows to `seen` alone.
+    /// `max(0, most - seen)`, whose gradient flows to `seen` alone. It does where both are equal, too: what is just large
+    /// enough is held there, as by a clamp.
     Shortfall {
         /// The column that is to become larger.
         seen: usize,
