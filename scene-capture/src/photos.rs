@@ -62,7 +62,7 @@ struct Exif {
 }
 
 impl PhotoSet {
-    /// The photos in `images/`, `input/` or `photos/`, else those in the folder itself, else those
+    /// The photos in `images/`, `input/` or `photos/`, else those in the folder itself, else, or where these are too few, those
     /// in its sub-folders.
     pub(crate) fn find(folder: &Path) -> Result<PhotoSet, CaptureError> {
         if !folder.is_dir() {
@@ -144,12 +144,16 @@ fn heif_files(folder: &Path) -> usize {
     search.list(folder).map_or(0, |listing| listing.count())
 }
 
+fn counted(photos: usize) -> String {
+    format!("{photos} photo{}", if photos == 1 { "" } else { "s" })
+}
+
 /// `listing` without the names of the `count` photos.
 fn too_few(root: &Path, count: usize, listing: &Listing) -> CaptureError {
     let what = if count == 0 {
         "it holds no photos (JPEG, PNG, WebP or TIFF)".to_owned()
     } else {
-        format!("it holds only {count} photos")
+        format!("it holds only {}", counted(count))
     };
     let heif = heif_files(root);
     let (what, remedy) = if !listing.unnamed.is_empty() {
@@ -197,20 +201,29 @@ fn photo_files(folder: &Path, notes: &mut Vec<String>) -> Result<(PathBuf, Listi
     let mut all = PHOTOS
         .list(folder)
         .map_err(|e| CaptureError::io("list", folder, e))?;
-    let found = all.names.len();
     let is_direct = |name: &String| !name.contains('/');
     let is_unnamed_direct = |path: &PathBuf| path.parent() == Some(folder);
-    if all.names.iter().any(is_direct) || all.unnamed.iter().any(is_unnamed_direct) {
+    let direct = all.names.iter().filter(|name| is_direct(name)).count();
+    let nested = all.names.len() - direct;
+    let place = folder.display();
+    if direct > 0 && direct < FEWEST && nested >= FEWEST {
+        // A cover, or a photo of the place.
+        all.names.retain(|name| !is_direct(name));
+        notes.push(format!(
+            "{} in {place} itself {} left out; the {nested} in its sub-folders are taken",
+            counted(direct),
+            if direct == 1 { "is" } else { "are" },
+        ));
+    } else if direct > 0 || all.unnamed.iter().any(is_unnamed_direct) {
         all.names.retain(is_direct);
         all.unnamed.retain(is_unnamed_direct);
-    }
-    if all.names.len() < found {
-        notes.push(format!(
-            "{} photos in sub-folders of {} are left out; the {} in it are taken",
-            found - all.names.len(),
-            folder.display(),
-            all.names.len()
-        ));
+        if nested > 0 {
+            notes.push(format!(
+                "{} in sub-folders of {place} {} left out; the {direct} in it are taken",
+                counted(nested),
+                if nested == 1 { "is" } else { "are" },
+            ));
+        }
     }
     Ok((folder.to_path_buf(), all))
 }
@@ -289,7 +302,17 @@ mod tests {
         assert_eq!(names(&set), expected);
         assert_eq!(set.by_camera().len(), 2, "a camera per folder");
 
-        for name in ["a.png", "b.png", "c.png", ".d.png"] {
+        photo(&root.join("a.png"), 8);
+        let set = PhotoSet::find(root).unwrap();
+        assert_eq!(names(&set), expected, "one is a cover");
+        assert!(
+            set.notes[0].starts_with("1 photo in ")
+                && set.notes[0].contains("the 4 in its sub-folders"),
+            "{:?}",
+            set.notes
+        );
+
+        for name in ["b.png", "c.png", ".d.png"] {
             photo(&root.join(name), 8);
         }
         let set = PhotoSet::find(root).unwrap();
@@ -409,7 +432,7 @@ mod tests {
         let said = |path: &Path| PhotoSet::find(path).unwrap_err().to_string();
         assert!(said(dir.path()).contains("it holds no photos"));
         photo(&dir.path().join("a.png"), 8);
-        assert!(said(dir.path()).contains("only 1 photos; give a folder"));
+        assert!(said(dir.path()).contains("only 1 photo; give a folder"));
         std::fs::write(dir.path().join("b.HEIC"), "").unwrap();
         assert!(said(dir.path()).contains("1 HEIC or AVIF files; convert"));
         assert!(said(&dir.path().join("x")).contains("no such folder"));
