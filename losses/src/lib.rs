@@ -24,7 +24,7 @@
 //! **Contents.** [`ColourLoss`] compares rendered and photographed colours, [`background_loss`] does so
 //! for the background alone; [`eikonal_loss`], [`sparsity_loss`], [`point_loss`] and
 //! [`curvature_loss`] shape the signed distance; [`mask_loss`] and [`opacity_entropy`] the opacity.
-//! [`row_losses`] takes many of those that are of the same rows in one pass, with kernels for CPUs and GPUs.
+//! [`row_losses()`] takes many of those that are of the same rows in one pass, with kernels for CPUs and GPUs.
 //! [`Schedule`] gives the weight of a loss, or the learning rate, at a training step.
 //!
 //! **Notation.** `rays` and `n` are numbers of rays and points. Weights `w` are one number per

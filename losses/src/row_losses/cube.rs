@@ -1,4 +1,4 @@
-//! The op on the GPU. Terms are compiled in: what they are does not change from step to step.
+//! The op on the GPU. Terms are compiled in: which there are changes a few times in a training.
 
 use burn::backend::{Cube, tensor::FloatTensor};
 use gpu_tensors::{buffer, column_sums, contiguous, cubecl, fresh, units_for, workgroups, zeros};

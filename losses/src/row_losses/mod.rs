@@ -2,7 +2,7 @@
 //!
 //! Rendered pixels are rows of a matrix, and most losses are sums over them of a function of a few columns. By tensor
 //! operations each takes a dozen passes there and back, with a gradient of the whole matrix for every column that is
-//! cut out; on a GPU what they cost is their launches. [`row_losses`] goes through the rows once, and once back. What
+//! cut out; on a GPU what they cost is their launches. [`row_losses()`] goes through the rows once, and once back. What
 //! each term says is written out in tensor operations by the loss that it names, and by [`row_losses_reference`].
 
 // Upstream marks burn-ndarray deprecated in favour of Flex; this workspace supports both.
