@@ -1,6 +1,7 @@
 //! The training losses of a neural surface, as pure functions over Burn tensors.
 //!
-//! Each loss takes tensors and returns a scalar tensor `[1]`, so that losses add up:
+//! Each loss takes tensors and returns a scalar tensor `[1]`, so that losses add up; [`row_losses()`] returns one number for
+//! each of its terms, `[terms]`:
 //!
 //! ```
 //! use burn::tensor::{Device, Tensor};
@@ -29,7 +30,7 @@
 //!
 //! **Notation.** `rays` and `n` are numbers of rays and points. Weights `w` are one number per
 //! element, not negative, on the device of the other tensors; no gradient flows into them. The
-//! reduction is always
+//! reduction is, but for [`row_losses()`], which adds up `w_i l_i` alone,
 //!
 //! ```text
 //! L = sum_i w_i l_i / sum_i w_i,     w_i = 1 where no weights are given,
@@ -42,7 +43,10 @@
 //! for finite inputs, and for the infinite log transmittance of an opaque ray.
 //!
 //! **Panics.** A tensor of the wrong shape is a bug in the calling code: it panics with the name of
-//! the loss, the argument and both shapes.
+//! the loss, the argument and both shapes, or of the term that does not fit.
+//!
+//! **Features.** `wgpu` (and with it `vulkan` or `metal`) and `cuda` add [`row_losses()`]'s kernels for GPUs; all else is tensor
+//! operations, which any backend has.
 
 mod background;
 mod colour;

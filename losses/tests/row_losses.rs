@@ -214,6 +214,70 @@ fn kinks_have_the_gradients_that_training_needs() {
     assert_eq!(gradient(row, known, 4)[3], -1.0);
 }
 
+/// Columns from one on that only just is a number, which three more are not.
+#[test]
+fn columns_beyond_all_numbers_are_refused() {
+    let (_, device) = devices().into_iter().next().expect("a device");
+    let kind = ColourLoss::L2;
+    let last = usize::MAX;
+    for loss in [
+        RowLoss::Colour {
+            kind,
+            colour: last - 1,
+            photo: 0,
+        },
+        RowLoss::Colour {
+            kind,
+            colour: 0,
+            photo: last,
+        },
+        RowLoss::Mask {
+            opacity: last,
+            mask: 0,
+        },
+        RowLoss::Mask {
+            opacity: 0,
+            mask: last,
+        },
+        RowLoss::Shortfall {
+            seen: 0,
+            most: last,
+        },
+        RowLoss::Value { column: last },
+    ] {
+        let (rows, known) = ([0.0; COLUMNS], [0.0; KNOWN]);
+        let rows = matrix(&rows, COLUMNS, &device);
+        let known = matrix(&known, KNOWN, &device);
+        let refused = std::panic::catch_unwind(move || {
+            let _ = row_losses(rows, known, vec![RowTerm { loss, weight: 0 }]);
+        });
+        assert!(refused.is_err(), "{loss:?}");
+    }
+}
+
+/// A number that is none has no gradient that looks like one.
+#[test]
+fn poison_is_seen() {
+    for (backend, device) in devices() {
+        let n = 30;
+        let (mut rows, known) = (numbers(n * COLUMNS, 1), numbers(n * KNOWN, 2));
+        for (row, column) in [(7, 1), (11, 3), (20, 5)] {
+            rows[row * COLUMNS + column] = f32::NAN;
+        }
+        let [losses, gradient] = run(&device, &rows, &known, row_losses);
+        assert!(losses.iter().all(|loss| loss.is_nan()), "{backend}");
+        for (i, gradient) in gradient.iter().enumerate() {
+            assert_eq!(
+                gradient.is_nan(),
+                rows[i].is_nan(),
+                "column {} of row {}, {backend}: {gradient}",
+                i % COLUMNS,
+                i / COLUMNS
+            );
+        }
+    }
+}
+
 #[test]
 #[should_panic(
     expected = "row_losses: RowTerm { loss: Value { column: 7 }, weight: 0 } is of more than 7 columns"

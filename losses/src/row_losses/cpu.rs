@@ -110,7 +110,9 @@ fn add_gradient(loss: RowLoss, row: &[f32], known: &[f32], scale: f32, out: &mut
                 scale * ((1.0 - m) / (1.0 + OPACITY_OFFSET - a) - m / (a + OPACITY_OFFSET));
         }
         RowLoss::Shortfall { seen, most } => {
-            if row[most] >= row[seen] {
+            // NaN counts as short, for the value stays NaN.
+            let enough = row[most] < row[seen];
+            if !enough {
                 out[seen] -= scale;
             }
         }

@@ -15,6 +15,8 @@ const HALVES: usize = UNITS.ilog2() as usize;
 /// Rows that a thread takes where there are enough of them, and the most workgroups.
 const ROWS: usize = 4;
 const GROUPS: usize = 64;
+/// Terms that a workgroup adds up at once: each takes 1 KiB of the memory its threads share, of which every device has 16.
+const TERMS: usize = 16;
 
 /// What a term does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -90,6 +92,9 @@ struct Sizes {
     columns: usize,
     known: usize,
     terms: Vec<Term>,
+    /// The terms' place among all of them, and how many those are.
+    first: usize,
+    of: usize,
 }
 
 impl Sizes {
@@ -98,7 +103,19 @@ impl Sizes {
             columns: rows.meta.shape()[1],
             known: known.meta.shape()[1],
             terms: terms.iter().map(Term::of).collect(),
+            first: 0,
+            of: terms.len(),
         }
+    }
+
+    /// The same for at most [`TERMS`] terms each.
+    fn parts(&self) -> impl Iterator<Item = Self> {
+        let parts = self.terms.chunks(TERMS).enumerate();
+        parts.map(|(part, terms)| Self {
+            terms: terms.to_vec(),
+            first: part * TERMS,
+            ..self.clone()
+        })
     }
 }
 
@@ -120,20 +137,23 @@ impl RowLossesOps for Cube {
         } else {
             fresh(&rows, [groups, terms.len()])
         };
-        let (count, dim) = workgroups(&rows.client, groups, UNITS);
-        // SAFETY: rows end with the matrices, whose columns were checked; workgroups beyond `groups` write nothing.
-        unsafe {
-            sums_kernel::launch_unchecked(
-                &sums.client,
-                count,
-                dim,
-                buffer(&contiguous(rows)),
-                buffer(&contiguous(known)),
-                buffer(&sums),
-                n as u32,
-                groups as u32,
-                sizes,
-            );
+        let (rows, known) = (contiguous(rows), contiguous(known));
+        for part in sizes.parts() {
+            let (count, dim) = workgroups(&rows.client, groups, UNITS);
+            // SAFETY: rows end with the matrices, whose columns were checked; workgroups beyond `groups` write nothing.
+            unsafe {
+                sums_kernel::launch_unchecked(
+                    &sums.client,
+                    count,
+                    dim,
+                    buffer(&rows),
+                    buffer(&known),
+                    buffer(&sums),
+                    n as u32,
+                    groups as u32,
+                    part,
+                );
+            }
         }
         if one {
             sums
@@ -214,7 +234,8 @@ fn sums_kernel(
         sync_cube();
     }
     if unit < terms && CUBE_POS < groups {
-        sums[CUBE_POS * terms + unit] = shares[unit * UNITS];
+        let at = CUBE_POS * comptime!(sizes.of) + comptime!(sizes.first);
+        sums[at + unit] = shares[unit * UNITS];
     }
 }
 
@@ -299,8 +320,9 @@ fn slope(
     let mut slope = 1.0f32;
     if comptime!(term.width() == 3) {
         let residual = x - known[beside + comptime!(term.other + column - term.column)];
-        let away = select(residual < 0.0f32, -1.0f32, 1.0f32);
-        let sign = select(residual == 0.0f32, 0.0f32, away);
+        // The last arm has 0 and NaN, and stays what it is.
+        let up = select(residual > 0.0f32, 1.0f32, residual);
+        let sign = select(residual < 0.0f32, -1.0f32, up);
         if comptime!(term.kind == Kind::Absolute) {
             slope = sign;
         } else if comptime!(term.kind == Kind::Huber) {
@@ -316,7 +338,7 @@ fn slope(
         slope = (1.0f32 - m) / (comptime!(1.0f32 + OPACITY_OFFSET) - x) - m / (x + OPACITY_OFFSET);
     } else if comptime!(term.kind == Kind::Shortfall) {
         let most = rows[from + comptime!(term.other)];
-        slope = select(most >= x, -1.0f32, 0.0f32);
+        slope = select(most < x, 0.0f32, -1.0f32);
     } else if comptime!(term.kind == Kind::UnitLength) {
         slope = 2.0f32 * (x - 1.0f32);
     }

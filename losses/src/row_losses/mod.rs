@@ -72,15 +72,16 @@ pub struct RowTerm {
 }
 
 impl RowLoss {
-    /// Columns that it reads, and known ones, as ranges.
-    fn columns(self) -> [std::ops::Range<usize>; 2] {
+    /// How many columns it needs, and known ones; of numbers that no matrix has, as many as there are numbers.
+    fn needs(self) -> [usize; 2] {
+        let up_to = |column: usize| column.saturating_add(1);
         match self {
-            Self::Colour { colour, photo, .. } => [colour..colour + 3, photo..photo + 3],
-            Self::Mask { opacity, mask } => [opacity..opacity + 1, mask..mask + 1],
-            Self::Shortfall { seen, most } => [seen.min(most)..seen.max(most) + 1, 0..0],
-            Self::Value { column } | Self::UnitLength { length: column } => {
-                [column..column + 1, 0..0]
+            Self::Colour { colour, photo, .. } => {
+                [colour.saturating_add(3), photo.saturating_add(3)]
             }
+            Self::Mask { opacity, mask } => [up_to(opacity), up_to(mask)],
+            Self::Shortfall { seen, most } => [up_to(seen.max(most)), 0],
+            Self::Value { column } | Self::UnitLength { length: column } => [up_to(column), 0],
         }
     }
 }
@@ -106,7 +107,8 @@ pub trait RowLossesOps: Backend {
 /// For a mean, weights are divided by their sum beforehand, as [`mean_weights`] does.
 ///
 /// # Panics
-/// When there is no term, one names a column that is not there, or `known` has another number of rows.
+/// When there is no term, one names a column that is not there or a Huber delta that is no positive number, or `known` has
+/// another number of rows.
 ///
 /// ```
 /// use burn::tensor::{Device, Tensor};
@@ -144,9 +146,9 @@ fn check(rows: &Tensor<2>, known: &Tensor<2>, terms: &[RowTerm]) {
     expect_shape("row_losses", "known", known, [n, known_columns]);
     assert!(!terms.is_empty(), "row_losses: no terms");
     for term in terms {
-        let [read, from_known] = term.loss.columns();
+        let [read, from_known] = term.loss.needs();
         assert!(
-            read.end <= columns && from_known.end <= known_columns && term.weight < known_columns,
+            read <= columns && from_known <= known_columns && term.weight < known_columns,
             "row_losses: {term:?} is of more than {columns} columns and {known_columns} known ones"
         );
         if let RowLoss::Colour {

@@ -6,6 +6,9 @@ use super::{RowLoss, RowTerm, check};
 use crate::{ColourLoss, OPACITY_OFFSET, huber::huber};
 
 /// [`row_losses`](super::row_losses) in plain tensor operations, for tests and for reading.
+///
+/// # Panics
+/// As there.
 #[must_use]
 pub fn row_losses_reference(rows: Tensor<2>, known: Tensor<2>, terms: &[RowTerm]) -> Tensor<1> {
     check(&rows, &known, terms);

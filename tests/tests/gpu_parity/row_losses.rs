@@ -79,6 +79,29 @@ fn sums_and_gradients_are_the_references() {
     }
 }
 
+/// More terms than a workgroup adds up at once, and more than it has threads.
+#[test]
+fn there_may_be_many_terms() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let n = 5000;
+    let (rows, known) = (units(n * COLUMNS, 3), units(n * KNOWN, 4));
+    let sums = |device: &Device, terms: Vec<RowTerm>| {
+        let rows = tensor(&rows, [n, COLUMNS], device);
+        numbers(row_losses(rows, tensor(&known, [n, KNOWN], device), terms))
+    };
+    let few = sums(&oracle(), terms());
+    for count in [17, 300] {
+        let many = sums(&gpu, terms().into_iter().cycle().take(count).collect());
+        assert_eq!(many.len(), count);
+        for (t, sum) in many.iter().enumerate() {
+            let what = format!("term {t} of {count}");
+            assert_close(&what, &[*sum], &[few[t % few.len()]], VALUE);
+        }
+    }
+}
+
 #[test]
 fn there_may_be_no_rows() {
     let Some(gpu) = gpu() else {
@@ -97,10 +120,12 @@ fn poison_stays_where_it_is() {
     };
     let n = 300;
     let (mut rows, known) = (units(n * COLUMNS, 1), units(n * KNOWN, 2));
-    rows[130 * COLUMNS + 5] = f32::NAN;
+    for (row, column) in [(20, 2), (130, 5), (260, 0)] {
+        rows[row * COLUMNS + column] = f32::NAN;
+    }
     let [sums, gradient] = run(&rows, &known, &gpu, true);
     let [expected_sums, expected_gradient] = run(&rows, &known, &oracle(), false);
-    assert!(sums[5].is_nan() && sums[6].is_nan());
+    assert!(sums.iter().all(|sum| sum.is_nan()));
     assert_same_numbers("sums", &sums, &expected_sums, VALUE);
     assert_same_numbers("gradient", &gradient, &expected_gradient, GRADIENT);
 }
