@@ -79,7 +79,7 @@ fn kernel(
     cpu::encode_tile(layout, active, table, &x, &y, &z, &mut alone, None);
     assert_eq!(alone, values);
     for level in 0..active {
-        cpu::fetch_level(layout, level, table);
+        cpu::fetch(cpu::level_values(layout, level, table));
         let (mut own, mut slopes) = (vec![f32::NAN; 2 * p], vec![f32::NAN; 6 * p]);
         let position = [&x[..], &y[..], &z[..]];
         cpu::encode_level(layout, level, table, position, &mut own, Some(&mut slopes));

@@ -8,8 +8,11 @@
 /// # Panics
 /// When the lengths of a pair differ.
 pub fn copy_past_caches<const N: usize>(pairs: [(&mut [f32], &[f32]); N]) {
-    for (to, from) in pairs {
+    // Before anything is written: a panic afterwards would leave out the fence.
+    for (to, from) in &pairs {
         assert_eq!(to.len(), from.len(), "copy_past_caches: lengths");
+    }
+    for (to, from) in pairs {
         #[cfg(target_arch = "x86_64")]
         {
             use std::arch::x86_64::{__m128, _mm_loadu_ps, _mm_stream_ps};
@@ -42,6 +45,12 @@ pub fn copy_past_caches<const N: usize>(pairs: [(&mut [f32], &[f32]); N]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    #[should_panic(expected = "copy_past_caches: lengths")]
+    fn lengths_that_differ_are_refused() {
+        copy_past_caches([(&mut [0.0; 2], &[1.0; 2]), (&mut [0.0; 2], &[1.0; 3])]);
+    }
 
     #[test]
     fn every_value_arrives_wherever_slices_begin() {

@@ -11,8 +11,9 @@ use crate::layout::{BLOCK_ENTRIES, FEATURES, GridLayout, LevelLayout};
 /// Encodes one tile of `p` points on one level: what [`encode_tile`](super::encode_tile) does on each, with the
 /// same bits.
 ///
-/// Whoever has many more points than the level has cache lines goes level by level, each for all tiles after
-/// [`fetch_level`]: then corners are in the caches, whatever the table's size.
+/// Whoever has very many points goes level by level, each for all tiles, and has [`fetch`] read
+/// [`level_values`] first: then corners are in the caches, whatever the table's size. A point asks for up to eight lines in
+/// no order, so that one for every 48 entries is enough for reading all of them in order to cost less.
 ///
 /// - `table`: `[entries, 2]` of all levels, row-major.
 /// - `position`: x, y and z in `[0, 1]`, each `[p]`, `p` a multiple of 16.
@@ -51,24 +52,26 @@ pub fn encode_level(
     Arch::new().dispatch(EncodeLevel {
         level: &layout.levels[level],
         smooth: layout.interpolation == Interpolation::Smoothstep,
-        table: entries_of(layout, level, table),
+        table: level_values(layout, level, table),
         position,
         values,
         jacobian,
     });
 }
 
-/// Reads one level of `table` (`[entries, 2]` of all levels) from end to end, for [`encode_level`] to find it in the
-/// caches. Memory hands out lines in a row several times as fast as lines in no order.
-///
-/// # Panics
-/// When there is no such level, or the table is too short.
-pub fn fetch_level(layout: &GridLayout, level: usize, table: &[f32]) {
-    let lines = entries_of(layout, level, table).chunks_exact(FEATURES * BLOCK_ENTRIES);
+/// Reads `values` of a table from end to end, for [`encode_level`] to find them in the caches. Memory hands out lines in a
+/// row several times as fast as lines in no order.
+pub fn fetch(values: &[f32]) {
+    let lines = values.chunks(FEATURES * BLOCK_ENTRIES);
     black_box(lines.map(|line| line[0]).sum::<f32>());
 }
 
-fn entries_of<'a>(layout: &GridLayout, level: usize, table: &'a [f32]) -> &'a [f32] {
+/// One level's part of `table` (`[entries, 2]` of all levels).
+///
+/// # Panics
+/// When there is no such level, or the table is too short.
+#[must_use]
+pub fn level_values<'a>(layout: &GridLayout, level: usize, table: &'a [f32]) -> &'a [f32] {
     let level = &layout.levels[level];
     &table[FEATURES * level.offset..FEATURES * (level.offset + level.entries)]
 }
@@ -95,16 +98,25 @@ impl WithSimd for EncodeLevel<'_> {
             level: self.level,
             table: self.table,
             position: self.position,
-            block: first_block(self.level, self.smooth, self.position),
+            block: first_block(self.level, self.table, self.smooth, self.position),
             next: None,
         };
         one.encode(self.smooth, self.values, self.jacobian);
     }
 }
 
-/// The cells of a level's first 16 points.
+/// The cells of the first 16 points on a level of which `table` has the entries.
+///
+/// # Panics
+/// When it has not: [`check_level`].
 #[inline(always)]
-pub(super) fn first_block(level: &LevelLayout, smooth: bool, position: [&[f32]; 3]) -> Cells {
+pub(super) fn first_block(
+    level: &LevelLayout,
+    table: &[f32],
+    smooth: bool,
+    position: [&[f32]; 3],
+) -> Cells {
+    check_level(level, table.len());
     let [x, y, z] = position.map(|axis| &axis.as_chunks::<LANES>().0[0]);
     match (level.hash.is_some(), smooth) {
         (false, false) => locate::<false, false>(level, x, y, z),
@@ -164,7 +176,7 @@ impl Level<'_> {
             if b + 1 < blocks {
                 *following = locate::<HASHED, SMOOTH>(level, &x[b + 1], &y[b + 1], &z[b + 1]);
             } else if let Some((next, table)) = self.next {
-                *following = first_block(next, SMOOTH, self.position);
+                *following = first_block(next, table, SMOOTH, self.position);
                 ahead = table;
             }
             let (cells, following) = (&ring[b & 1], &ring[(b + 1) & 1]);

@@ -1,8 +1,8 @@
 //! The CPU kernels over plain slices: no backend, no tensors, no threads of their own.
 //!
 //! Points are in lanes: a tile's coordinates are three arrays, results are feature-major, and 16
-//! points are handled at a time. [`encode_tile`] is the way forward, or [`encode_level`] with very many
-//! points; [`scatter_level`] the way back into the table. All choose the machine's vector instructions when called, and give
+//! points are handled at a time. [`encode_tile`] is the way forward, or [`encode_level`] with so many
+//! points that reading a level in order first costs less than its lines in no order; [`scatter_level`] the way back into the table. All choose the machine's vector instructions when called, and give
 //! the same bits whichever those are: nothing is contracted or reassociated.
 //!
 //! Figures: 16384 scattered points, 16 levels, `T = 2^19`, one core of a Zen 5 with AVX-512, best of
@@ -27,7 +27,7 @@ mod tile;
 pub(crate) use cells::LANES;
 #[cfg(feature = "cube")]
 pub(crate) use cells::check_level;
-pub use level::{encode_level, fetch_level};
+pub use level::{encode_level, fetch, level_values};
 pub(crate) use scatter::scatter_full;
 pub use scatter::{NormalPart, ScatterRows, scatter_level};
 pub use tile::encode_tile;

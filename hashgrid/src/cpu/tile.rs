@@ -113,7 +113,7 @@ impl WithSimd for EncodeTile<'_> {
                 continue;
             }
             if l == 0 {
-                block = first_block(level, smooth, self.position);
+                block = first_block(level, table_of(level), smooth, self.position);
             }
             let next = self.layout.levels[..active]
                 .get(l + 1)

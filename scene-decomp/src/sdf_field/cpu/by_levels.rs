@@ -18,8 +18,14 @@ use crate::tile::POINTS;
 /// Entries of the largest level for each point, up to which it pays to read that level from end to end. Measured with 2^19
 /// entries: the way by tiles is as fast with some 9000 points.
 const ENTRIES_PER_POINT: usize = 48;
+/// Levels that threads are at, at a time: the caches that they share have room for these, 16 MiB with 2^19 entries, however
+/// many threads there are. One at a time has two threads wait for each other (forward, 16 384 points: 7.1 to 8.1 ms instead
+/// of 5.1 to 5.9).
+const LEVELS_AT_ONCE: usize = 4;
 /// Tiles that one task takes at least on a level.
 const TILES_PER_TASK: usize = 8;
+/// Values of a level that one task reads: 256 KiB.
+const FETCHED_PER_TASK: usize = 1 << 16;
 
 /// Whether `points` points are enough for it.
 pub(super) fn pays(layout: &GridLayout, points: usize) -> bool {
@@ -105,20 +111,29 @@ fn encode(field: Field<'_>, tiles: &mut [f32], places: &[f32]) {
             });
         }
     }
-    levels
-        .into_par_iter()
-        .with_max_len(1)
-        .enumerate()
-        .for_each(|(level, mut tiles)| {
-            grid::fetch_level(field.layout, level, field.table);
-            tiles
-                .par_iter_mut()
-                .with_min_len(TILES_PER_TASK)
-                .for_each_init(
-                    || Scratch::new(8 * POINTS),
-                    |room, rows| encode_rows(field, level, room, rows),
-                );
-        });
+    for (group, levels) in levels.chunks_mut(LEVELS_AT_ONCE).enumerate() {
+        levels
+            .par_iter_mut()
+            .with_max_len(1)
+            .enumerate()
+            .for_each(|(level, tiles)| {
+                encode_all(field, group * LEVELS_AT_ONCE + level, tiles);
+            });
+    }
+}
+
+/// One level of all tiles.
+fn encode_all(field: Field<'_>, level: usize, tiles: &mut [LevelRows<'_>]) {
+    grid::level_values(field.layout, level, field.table)
+        .par_chunks(FETCHED_PER_TASK)
+        .for_each(grid::fetch);
+    tiles
+        .par_iter_mut()
+        .with_min_len(TILES_PER_TASK)
+        .for_each_init(
+            || Scratch::new(8 * POINTS),
+            |room, rows| encode_rows(field, level, room, rows),
+        );
 }
 
 /// One level of one tile, by way of `room`, which stays in the cache.

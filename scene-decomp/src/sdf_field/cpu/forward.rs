@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use pulp::Arch;
 use rayon::prelude::*;
-use tensor_slices::{Scratch, Stopwatch, copy_past_caches};
+use tensor_slices::{Scratch, Stopwatch};
 
 use super::by_levels;
 use super::forward_tile::{Field, ForwardTile, WorkingRoom};
@@ -202,12 +202,13 @@ pub(super) fn by_tiles(
                     out,
                 });
                 // Row by row in its place, it would fetch lines of cache only to overwrite them, beside those that
-                // the encoding waits for.
+                // the encoding waits for. Not past the caches: they hold so few tiles until backward.
                 let rows = working.rows_mut(weights, POINTS);
                 let (unit, g) = places.split_at_mut(3 * POINTS);
-                copy_past_caches([(saved, tile), (unit, rows.unit)]);
+                saved.copy_from_slice(tile);
+                unit.copy_from_slice(rows.unit);
                 if kind.normal == Normal::Computed {
-                    copy_past_caches([(g, &rows.g[3 * POINTS..])]);
+                    g.copy_from_slice(&rows.g[3 * POINTS..]);
                 }
             },
         );
