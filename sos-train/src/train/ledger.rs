@@ -26,8 +26,14 @@ impl Ledger {
         losses: &Tensor<1>,
         entries: impl IntoIterator<Item = Entry>,
     ) {
-        self.values.push(losses.clone().detach());
+        let before = self.entries.len();
         self.entries.extend(entries);
+        debug_assert_eq!(
+            losses.dims(),
+            [self.entries.len() - before],
+            "Ledger: losses"
+        );
+        self.values.push(losses.clone().detach());
     }
 
     /// The sums of all entries. Waits for the device.

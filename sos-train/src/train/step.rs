@@ -165,7 +165,7 @@ fn bare(vote: Vote, box_background: f32) -> f32 {
 /// Returns `None` when no ray has a sample.
 ///
 /// # Panics
-/// When `known.box_background` has another length than the batch.
+/// When `known.box_background` has another length than the batch, or `known.mask_trust` a shorter one.
 #[must_use]
 pub fn loss(
     context: &StepContext,
