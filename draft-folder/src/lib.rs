@@ -1,14 +1,15 @@
 //! Folders that appear in one piece.
 //!
 //! A [`Draft`] lies beside its place, on the same disk, and is renamed when it is complete. One that is dropped
-//! before that is gone; of one whose program was killed, a folder whose name starts with [`PREFIX`] remains. Where that is
-//! in the way, an [`Occupant`] names it.
+//! before that is gone, and so are those of a program that calls [`abandon_all`] when it is told to end; of one whose program
+//! was killed, a folder whose name starts with [`PREFIX`] remains. Where that is in the way, an [`Occupant`] names it.
 //!
 //! An empty folder gives way to it, unless it is one that has to stay, such as the one a shell is in or one that a disk
 //! is mounted on: there the draft lies in its place, and what is in it moves up.
 
 mod moving;
 mod occupant;
+mod open;
 
 use std::fs;
 use std::io;
@@ -16,6 +17,8 @@ use std::path::{Path, PathBuf};
 
 use moving::{entries, is_elsewhere, move_all};
 pub use occupant::Occupant;
+use open::Open;
+pub use open::abandon_all;
 use tempfile::TempDir;
 
 /// Start of the names of folders that are being written.
@@ -25,6 +28,7 @@ pub const PREFIX: &str = ".sos-partial-";
 #[derive(Debug)]
 pub struct Draft {
     folder: TempDir,
+    open: Open,
     /// As it was stated, which is how messages call it.
     place: PathBuf,
     /// The place behind all links.
@@ -81,7 +85,8 @@ impl Draft {
             let error = io::Error::new(io::ErrorKind::AlreadyExists, what);
             return Err(failed("create", stated)(error));
         }
-        let draft = |folder, target: &Path, is_inside| Self {
+        let draft = |folder: TempDir, target: &Path, is_inside| Self {
+            open: Open::new(folder.path()),
             folder,
             place: stated.to_owned(),
             target: target.to_owned(),
@@ -121,6 +126,11 @@ impl Draft {
     /// # Errors
     /// When something is there; it stays as it is.
     pub fn finish(self) -> Result<(), DraftError> {
+        let _placing = open::placing();
+        self.put()
+    }
+
+    fn put(self) -> Result<(), DraftError> {
         if !self.is_inside {
             // An empty folder gives way as it is, also where a system would not rename onto it.
             let _ = fs::remove_dir(&self.target);
@@ -143,12 +153,13 @@ impl Draft {
     /// When that cannot be moved aside, or the folder cannot take its place: then what was there is back. When what was
     /// there cannot be removed afterwards, the folder is in its place already.
     pub fn replace(self) -> Result<(), DraftError> {
+        let _placing = open::placing();
         if self.is_inside {
             return self.replace_content();
         }
         let _ = fs::remove_dir(&self.target);
         if !self.target.exists() || self.others().is_ok_and(|others| others.is_empty()) {
-            return self.finish();
+            return self.put();
         }
         let old = self.aside();
         fs::rename(&self.target, &old).map_err(failed("replace", &self.place))?;
@@ -166,7 +177,7 @@ impl Draft {
         let failed_to = |action| failed(action, &self.place);
         let others = self.others().map_err(failed_to("replace"))?;
         if others.is_empty() {
-            return self.finish();
+            return self.put();
         }
         let old = self.aside();
         fs::create_dir(&old).map_err(failed_to("replace"))?;
@@ -207,7 +218,9 @@ impl Draft {
 
     /// There is nothing left to remove at the temporary name.
     fn leave(self) {
-        let _ = self.folder.keep();
+        let Self { folder, open, .. } = self;
+        let _ = folder.keep();
+        drop(open);
     }
 }
 

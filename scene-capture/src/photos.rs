@@ -5,7 +5,7 @@ use exif::{In, Tag};
 use image::metadata::Orientation;
 use io_colmap::{Listing, PhotoHeader, Search};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -96,6 +96,15 @@ impl PhotoSet {
         if photos.len() < FEWEST {
             return Err(too_few(&root, photos.len(), &listing));
         }
+        if let Some([first, second]) = same_name(&photos) {
+            return Err(CaptureError::bad(
+                &root,
+                format!(
+                    "{first} and {second} differ only in their ending, without which results and masks are named"
+                ),
+                "keep one of the two, and of others like them, or rename them",
+            ));
+        }
         Ok(PhotoSet {
             root,
             photos,
@@ -142,6 +151,16 @@ fn heif_files(folder: &Path) -> usize {
         ..PHOTOS
     };
     search.list(folder).map_or(0, |listing| listing.count())
+}
+
+/// Two photos whose names differ only in their ending; photos are sorted by name.
+fn same_name(photos: &[Photo]) -> Option<[&str; 2]> {
+    let bare = |photo: &Photo| Path::new(&photo.name).with_extension("");
+    let mut known = HashMap::new();
+    photos.iter().find_map(|photo| {
+        let first = known.insert(bare(photo), &*photo.name)?;
+        Some([first, &*photo.name])
+    })
 }
 
 fn counted(photos: usize) -> String {

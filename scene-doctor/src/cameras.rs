@@ -108,7 +108,8 @@ pub enum Missing {
     LeftOut,
 }
 
-/// The pictures that lie in the folders of `photos` and are none of them, nor of their `masks`.
+/// The pictures that lie in the folders of `photos` and are none of them, nor of their `masks`, nor made of one of them by
+/// their name, as `0001_depth.png` beside `0001.png`.
 #[must_use]
 pub fn photos_without_pose<'a>(
     photos: &'a [PathBuf],
@@ -119,16 +120,32 @@ pub fn photos_without_pose<'a>(
         .chain(masks.into_iter().map(PathBuf::as_path))
         .collect();
     let folders: BTreeSet<&Path> = photos.iter().filter_map(|photo| photo.parent()).collect();
+    let stems: BTreeSet<PathBuf> = photos
+        .iter()
+        .map(|photo| photo.with_extension(""))
+        .collect();
     let mut unposed: Vec<String> = folders
         .into_iter()
         .flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten())
         .map(|entry| entry.path())
-        .filter(|path| !posed.contains(path.as_path()))
+        .filter(|path| !posed.contains(path.as_path()) && !is_made_of(path, &stems))
         .filter_map(|path| Some(path.file_name()?.to_str()?.to_owned()))
         .filter(|name| is_picture(name) && !name.starts_with('.'))
         .collect();
     unposed.sort();
     unposed
+}
+
+/// Whether a picture's name begins with one of `stems` and goes on with a word, not with a number, which would make it the
+/// next of a row.
+fn is_made_of(picture: &Path, stems: &BTreeSet<PathBuf>) -> bool {
+    let Some(stem) = picture.file_stem().and_then(|stem| stem.to_str()) else {
+        return false;
+    };
+    stem.match_indices(['_', '-', '.']).any(|(at, _)| {
+        let word = stem[at + 1..].starts_with(char::is_alphabetic);
+        word && stems.contains(&picture.with_file_name(&stem[..at]))
+    })
 }
 
 /// Whether every pose has its photo, and every photo its pose.
@@ -173,5 +190,38 @@ pub(crate) fn files(posed: usize, files: &Files) -> Finding {
              find the poses again",
         ),
         _ => finding,
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn what_is_made_of_a_photo_needs_no_pose() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for name in [
+            "r_0.png",
+            "r_0_depth_0001.png",
+            "r_0-masked.png",
+            "r_0.matte.png",
+            "r_1.png",
+            "r_0_2.png",
+            "r_0x.png",
+            "r_9_depth.png",
+            "mask.png",
+            "notes.txt",
+        ] {
+            fs::write(at(name), "").unwrap();
+        }
+        let (photos, masks) = ([at("r_0.png")], [at("mask.png")]);
+        assert_eq!(
+            photos_without_pose(&photos, &masks),
+            ["r_0_2.png", "r_0x.png", "r_1.png", "r_9_depth.png"]
+        );
     }
 }

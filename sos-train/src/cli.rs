@@ -2,7 +2,7 @@
 //!
 //! Results go to standard output; notes, progress and errors to standard error. The exit code is 0,
 //! 2 for input that cannot be used (one sentence with the file and the remedy), 3 where a check of
-//! `sos doctor` failed, 130 after Ctrl-C with a checkpoint saved, and 1 for a fault in here.
+//! `sos doctor` failed, 130 after Ctrl-C, and 1 for a fault in here.
 
 mod ablate;
 mod answer;
@@ -29,6 +29,7 @@ pub use args::{
 
 use crate::devices::Devices;
 use crate::error::{EXIT_INTERNAL, EXIT_OK, exit_code, sentence};
+use crate::progress::{AtInterrupt, await_ending, watch_interrupt};
 use answer::Voice;
 use clap::Parser as _;
 use std::io::Write as _;
@@ -44,10 +45,13 @@ static PANIC: Mutex<Option<String>> = Mutex::new(None);
 pub fn run() -> ExitCode {
     let Sos { command, .. } = Sos::parse();
     catch_panics();
+    // Where the system refuses, Ctrl-C ends the program as it always does.
+    let _ = watch_interrupt(AtInterrupt::End);
     // Nothing is used after a panic but the message.
     let code = match catch_unwind(AssertUnwindSafe(|| execute(&command))) {
         Ok(Ok(code)) => code,
         Ok(Err(error)) => {
+            await_ending();
             let code = exit_code(&error);
             let text = sentence(&error);
             complain(&if code == EXIT_INTERNAL {

@@ -256,23 +256,40 @@ impl Drop for Meter {
 /// What the first Ctrl-C leads to from now on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AtInterrupt {
-    /// Training ends with a checkpoint.
-    SaveCheckpoint,
+    /// The program ends at once, and folders that it is writing are gone.
+    End,
     /// What has been done so far is dropped.
     LeaveNothing,
+    /// Training ends with a checkpoint.
+    SaveCheckpoint,
 }
 
-/// Whether the first Ctrl-C says that a checkpoint is saved.
-static SAVES: AtomicBool = AtomicBool::new(false);
+/// What the first Ctrl-C leads to.
+static FIRST: Mutex<AtInterrupt> = Mutex::new(AtInterrupt::End);
+/// Whether the program is about to end, and whatever goes wrong on the way is because of that.
+static ENDING: AtomicBool = AtomicBool::new(false);
 
 impl AtInterrupt {
     /// Has the first Ctrl-C announce this from now on.
     pub(crate) fn announce(self) {
-        SAVES.store(self == Self::SaveCheckpoint, Ordering::SeqCst);
+        *lock(&FIRST) = self;
     }
 }
 
-/// A flag that the first Ctrl-C (or SIGTERM) sets; the second ends the program. It is the same for
+/// Waits for the end if the program is about to end.
+pub(crate) fn await_ending() {
+    while ENDING.load(Ordering::SeqCst) {
+        std::thread::park();
+    }
+}
+
+fn end() -> ! {
+    ENDING.store(true, Ordering::SeqCst);
+    draft_folder::abandon_all();
+    std::process::exit(i32::from(crate::error::EXIT_INTERRUPTED));
+}
+
+/// A flag that the first Ctrl-C (or SIGTERM) sets, unless the program ends by that; the second ends it. It is the same for
 /// every call in a process.
 ///
 /// # Errors
@@ -287,19 +304,24 @@ pub fn watch_interrupt(then: AtInterrupt) -> Result<Arc<AtomicBool>, ctrlc::Erro
     let flag = Arc::new(AtomicBool::new(false));
     let set = Arc::clone(&flag);
     ctrlc::set_handler(move || {
-        let saves = SAVES.load(Ordering::SeqCst);
+        let first = *lock(&FIRST);
         if set.swap(true, Ordering::SeqCst) {
-            if saves {
+            if first == AtInterrupt::SaveCheckpoint {
                 line("stopped at once; the run is as of its last checkpoint");
             }
-            std::process::exit(i32::from(crate::error::EXIT_INTERRUPTED));
+            end();
         }
-        line(if saves {
-            "stopping after this step, which takes up to a minute where the object is carved out, and saving a checkpoint; \
-             Ctrl-C again stops at once"
-        } else {
-            "stopping; nothing is kept"
-        });
+        match first {
+            AtInterrupt::End => {
+                line("stopped");
+                end();
+            }
+            AtInterrupt::LeaveNothing => line("stopping; nothing is kept"),
+            AtInterrupt::SaveCheckpoint => line(
+                "stopping after this step, which takes up to a minute where the object is carved out, and saving a checkpoint; \
+                 Ctrl-C again stops at once",
+            ),
+        }
     })?;
     *known = Some(Arc::clone(&flag));
     Ok(flag)

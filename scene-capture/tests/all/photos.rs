@@ -123,6 +123,26 @@ fn photos_are_turned_as_viewers_show_them() {
 }
 
 #[test]
+fn names_that_differ_only_in_their_ending_are_refused_at_once() {
+    let shop = Workshop::new();
+    let photos = shop.photos(&["a.jpg", "b.jpg", "b.png", "c.jpg", "d.jpg"]);
+    let refused = capture(
+        &Source::Photos(photos),
+        &shop.path("scene"),
+        &shop.tools(Dialect::Three),
+        &CaptureOptions::default(),
+        &(),
+    )
+    .unwrap_err()
+    .to_string();
+    assert!(
+        refused.contains("b.jpg and b.png differ only in their ending") && refused.contains("keep"),
+        "{refused}"
+    );
+    assert!(!shop.path("scene").exists());
+}
+
+#[test]
 fn each_size_is_a_call_and_a_camera() {
     let shop = Workshop::new();
     let photos = shop.photos(&NAMES);

@@ -73,6 +73,10 @@ pub(super) fn whole_seconds(run: &RunFolder) -> Option<f64> {
 pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
     let plan = Plan::new(args)?;
     let screen = Progress::new(args.quiet, 0);
+    // Before poses are found, which may take an hour.
+    if let Some(port) = args.view.filter(|port| *port > 0) {
+        LiveServer::check(port)?;
+    }
     let demo = plan.source == Source::Demo;
     let site = match &plan.source {
         Source::Demo => Site::made_in(prepare_demo(args, &plan, &screen)?),

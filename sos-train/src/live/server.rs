@@ -3,7 +3,7 @@
 use super::{Live, Wish};
 use crate::report::STYLE;
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use tiny_http::{Header, Method, Request, Response, Server};
@@ -92,7 +92,14 @@ impl LiveServer {
             .name("live view".to_owned())
             .spawn(move || {
                 for request in serving.incoming_requests() {
-                    answer(&live, request);
+                    let live = Arc::clone(&live);
+                    // Each by itself: one that announces more than it sends is waited for when it is dropped.
+                    let answering = std::thread::Builder::new()
+                        .name("live view, answer".to_owned())
+                        .spawn(move || answer(&live, request));
+                    if answering.is_err() {
+                        break;
+                    }
                 }
             })?;
         Ok(Self {
@@ -102,6 +109,21 @@ impl LiveServer {
                 thread: Some(thread),
             },
         })
+    }
+
+    /// Whether a port that is asked for can be had, for whoever has much to do before it is needed.
+    ///
+    /// # Errors
+    /// [`LiveError::Port`] if not.
+    pub fn check(port: u16) -> Result<(), LiveError> {
+        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+        match TcpListener::bind(address) {
+            Ok(_) => Ok(()),
+            Err(error) => Err(LiveError::Port {
+                port,
+                reason: error.to_string(),
+            }),
+        }
     }
 
     /// Where the page is.

@@ -44,6 +44,35 @@ fn says(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// A folder that is being written is gone, or has been whole before the signal came.
+#[test]
+fn ctrl_c_leaves_nothing_half_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let names = || -> Vec<String> {
+        fs::read_dir(dir.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect()
+    };
+    let mut run = sos(dir.path(), &["demo-scene", "scene"]);
+    while names().is_empty() && run.try_wait().unwrap().is_none() {
+        sleep(Duration::from_millis(1));
+    }
+    if run.try_wait().unwrap().is_none() {
+        interrupt(&run);
+    }
+    let output = run.wait_with_output().unwrap();
+    match output.status.code() {
+        Some(130) => {
+            assert_eq!(names(), [""; 0], "{}", says(&output));
+            assert_eq!(says(&output).trim(), "stopped");
+        }
+        code => {
+            assert_eq!((code, names()), (Some(0), vec!["scene".to_owned()]));
+        }
+    }
+}
+
 #[test]
 fn ctrl_c_saves_and_resume_finishes() {
     let dir = tempfile::tempdir().unwrap();

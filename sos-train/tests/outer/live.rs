@@ -104,6 +104,21 @@ fn the_page_and_its_state_are_served() {
     }
 }
 
+/// One who announces more than is sent keeps nobody else waiting.
+#[test]
+fn others_are_answered_while_one_holds_back() {
+    let (_live, _server, port, _) = served();
+    let mut silent = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    let text = format!(
+        "POST /pause HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n{}\r\nContent-Length: 100000\r\n\r\nx",
+        own(port)
+    );
+    silent.write_all(text.as_bytes()).unwrap();
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(ask(port, "GET", "/", &[]).0, 200);
+    assert!(LiveServer::check(port).is_err());
+}
+
 #[test]
 fn only_the_own_page_is_obeyed() {
     let (live, _server, port, interrupt) = served();
