@@ -55,7 +55,7 @@ pub use running_sums::running_sums;
 pub use sums::column_sums;
 #[cfg(feature = "cube")]
 pub use tensor::{
-    UNITS, Uploaded, add, buffer, contiguous, contiguous_words, fresh, fresh_words, from_slice,
-    own, points_at_once, poison_fresh_memory, read, units_for, upload, workgroups, zero_words,
-    zeros,
+    UNITS, Uploaded, add, buffer, contiguous, contiguous_words, copy, fresh, fresh_words,
+    from_slice, own, points_at_once, poison_fresh_memory, read, units_for, upload, workgroups,
+    zero_words, zeros,
 };

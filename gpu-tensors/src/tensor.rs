@@ -110,23 +110,59 @@ fn empty(like: &CubeTensor, shape: Shape, dtype: DType) -> CubeTensor {
 }
 
 fn filled(like: &CubeTensor, shape: Shape, value: f32) -> CubeTensor {
-    numeric::full_device_dtype(
-        like.client.clone(),
-        shape,
-        like.device.clone(),
-        InputScalar::new(value, ElemType::Float(FloatKind::F32)),
-        DType::F32,
-    )
+    let value = InputScalar::new(value, ElemType::Float(FloatKind::F32));
+    full(like, shape, value, DType::F32)
 }
 
 fn words_filled<const D: usize>(like: &CubeTensor, shape: [usize; D], value: i32) -> CubeTensor {
-    numeric::full_device_dtype(
-        like.client.clone(),
-        shape.into(),
-        like.device.clone(),
-        InputScalar::new(value, ElemType::Int(IntKind::I32)),
-        DType::I32,
-    )
+    let value = InputScalar::new(value, ElemType::Int(IntKind::I32));
+    full(like, shape.into(), value, DType::I32)
+}
+
+fn full(like: &CubeTensor, shape: Shape, value: InputScalar, dtype: DType) -> CubeTensor {
+    let (client, device) = (like.client.clone(), like.device.clone());
+    let list = [shape.num_elements()].into();
+    let list = numeric::full_device_dtype(client, list, device, value, dtype);
+    shaped(list, shape)
+}
+
+/// The values of a row-major tensor as one row. What Burn's own operations give has rows that are apart on CUDA, each at a
+/// multiple of 512 bytes; a single row is as it is on every device.
+fn list(tensor: CubeTensor) -> CubeTensor {
+    let count = tensor.meta.shape().num_elements();
+    shaped(tensor, [count].into())
+}
+
+/// The values of a row-major tensor in another shape.
+fn shaped(tensor: CubeTensor, shape: Shape) -> CubeTensor {
+    expect_row_major(&tensor);
+    let CubeTensor {
+        client,
+        device,
+        handle,
+        dtype,
+        ..
+    } = tensor;
+    CubeTensor::new_contiguous(client, device, shape, handle, dtype)
+}
+
+fn expect_row_major(tensor: &CubeTensor) {
+    assert!(
+        tensor.is_contiguous(),
+        "gpu-tensors: a tensor of shape {:?} has strides {:?}, which is not row-major",
+        tensor.meta.shape(),
+        tensor.meta.strides()
+    );
+}
+
+/// A copy of a row-major tensor, which is row-major too.
+///
+/// # Panics
+/// When the tensor is not row-major.
+#[must_use]
+pub fn copy(tensor: &CubeTensor) -> CubeTensor {
+    let shape = tensor.meta.shape().clone();
+    shaped(list(tensor.clone()).copy(), shape)
 }
 
 /// The tensor in row-major memory that nobody else holds, to be changed in place; copied only when
@@ -137,7 +173,7 @@ pub fn own(tensor: CubeTensor) -> CubeTensor {
     if tensor.can_mut() {
         tensor
     } else {
-        tensor.copy()
+        copy(&tensor)
     }
 }
 
@@ -167,10 +203,14 @@ pub fn from_slice<const D: usize>(
     )
 }
 
-/// The sum of two tensors of one shape.
+/// The sum of two row-major tensors of one shape, which is row-major too.
+///
+/// # Panics
+/// When one is not row-major, or they are not of one size.
 #[must_use]
 pub fn add(a: CubeTensor, b: CubeTensor) -> CubeTensor {
-    numeric::add(a, b)
+    let shape = a.meta.shape().clone();
+    shaped(numeric::add(list(a), list(b)), shape)
 }
 
 /// The tensor's values on the host, row-major: waits for everything that makes them.
@@ -183,8 +223,12 @@ pub fn read(tensor: &CubeTensor) -> Vec<f32> {
 }
 
 /// A row-major tensor's memory as a kernel's argument.
+///
+/// # Panics
+/// When the tensor is not row-major.
 #[must_use]
 pub fn buffer(tensor: &CubeTensor) -> BufferArg {
+    expect_row_major(tensor);
     tensor.clone().into_buffer_arg()
 }
 

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use burn::Tensor;
 use burn::module::{Module, Param, ParamId};
-use burn::tensor::{Device, TensorData};
+use burn::tensor::Device;
+use tensor_slices::matrix;
 
 use crate::config::GridConfig;
 use crate::encode::{encode, encode_with_jacobian};
@@ -35,9 +36,8 @@ impl HashGrid {
         let values = (0..(FEATURES * entries) as u64)
             .map(|i| INITIAL * signed_unit(seed, i))
             .collect();
-        let table = TensorData::new(values, [entries, FEATURES]);
         Self {
-            table: Param::from_tensor(Tensor::from_data(table, device)),
+            table: Param::from_tensor(matrix(values, [entries, FEATURES], device)),
             layout: Arc::new(layout),
         }
     }

@@ -6,6 +6,7 @@ use burn::tensor::{Device, TensorData};
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
+use tensor_slices::matrix;
 
 /// `y = W x + b`; the fused ops read the tensors directly.
 #[derive(Module, Debug)]
@@ -21,7 +22,7 @@ impl Dense {
     pub(crate) fn from_values(weight: Vec<f32>, bias: Vec<f32>, device: &Device) -> Self {
         let shape = [bias.len(), weight.len() / bias.len()];
         Self {
-            weight: Param::from_tensor(Tensor::from_data(TensorData::new(weight, shape), device)),
+            weight: Param::from_tensor(matrix(weight, shape, device)),
             bias: Param::from_tensor(Tensor::from_data(TensorData::new(bias, [shape[0]]), device)),
         }
     }

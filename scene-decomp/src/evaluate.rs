@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use burn::Tensor;
-use burn::tensor::{Device, TensorData};
+use burn::tensor::Device;
 use hashgrid::GridLayout;
+use tensor_slices::matrix;
 
 use crate::colour_field::{ColourFieldInputs, ColourFieldWeights, colour_field};
 use crate::directions::colour_extra;
@@ -275,10 +276,7 @@ impl FrozenSurface {
                     geometry: self.rows(geometry_rows, geometry.columns),
                     points: self.rows(points[within(3)].to_vec(), 3),
                     directions: self.rows(directions.to_vec(), 3),
-                    extra: Tensor::from_data(
-                        TensorData::new(extra, [part.len(), width]),
-                        &self.device,
-                    ),
+                    extra: matrix(extra, [part.len(), width], &self.device),
                 },
                 self.colour.clone(),
             )));
@@ -288,7 +286,7 @@ impl FrozenSurface {
 
     fn rows(&self, values: Vec<f32>, columns: usize) -> Tensor<2> {
         let n = values.len() / columns;
-        Tensor::from_data(TensorData::new(values, [n, columns]), &self.device)
+        matrix(values, [n, columns], &self.device)
     }
 }
 

@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use burn::Tensor;
 use burn::module::Module;
-use burn::tensor::{Device, TensorData};
+use burn::tensor::Device;
 use hashgrid::{GridConfig, GridLayout, HashGrid, SparseGrad};
 use serde::{Deserialize, Serialize};
+use tensor_slices::matrix;
 
 use crate::colour_field::{
     ColourFieldInputs, ColourFieldWeights, RowConfig, colour_field, sample_rows,
@@ -260,10 +261,7 @@ impl Surface {
         let inputs = self.inputs(points, directions, extra, rows.view_share, config);
         let geometry = inputs.geometry.clone();
         let columns = stretch.len().checked_div(n).unwrap_or(0);
-        let stretch = Tensor::from_data(
-            TensorData::new(stretch.to_vec(), [n, columns]),
-            &inputs.points.device(),
-        );
+        let stretch = matrix(stretch.to_vec(), [n, columns], &inputs.points.device());
         let rows = sample_rows(inputs, stretch, self.colour_weights(), rows);
         (rows, geometry)
     }
@@ -279,9 +277,7 @@ impl Surface {
     ) -> ColourFieldInputs {
         let n = points.len() / 3;
         let device = self.grid.table.val().device();
-        let rows = |values: Vec<f32>, columns: usize| {
-            Tensor::<2>::from_data(TensorData::new(values, [n, columns]), &device)
-        };
+        let rows = |values: Vec<f32>, columns: usize| matrix(values, [n, columns], &device);
         let points = rows(points.to_vec(), 3);
         let extra = if harmonics(self.direction_degree) == 0 {
             extra.to_vec()

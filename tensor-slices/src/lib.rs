@@ -20,6 +20,7 @@
 
 pub mod elementary;
 mod flex;
+mod matrix;
 mod ndarray;
 mod past_caches;
 mod scratch;
@@ -29,6 +30,7 @@ use std::borrow::Cow;
 
 use burn::backend::{Backend, tensor::FloatTensor};
 
+pub use matrix::matrix;
 pub use past_caches::copy_past_caches;
 pub use scratch::Scratch;
 pub use stopwatch::{Lap, Stopwatch};

@@ -27,9 +27,9 @@ impl Clone for DeviceMoments {
     /// A copy with memory of its own: steps change it in place.
     fn clone(&self) -> Self {
         Self {
-            first: self.first.copy(),
-            second: self.second.copy(),
-            visited: self.visited.copy(),
+            first: gpu_tensors::copy(&self.first),
+            second: gpu_tensors::copy(&self.second),
+            visited: gpu_tensors::copy(&self.visited),
         }
     }
 }

@@ -3,6 +3,7 @@
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 use losses::{RowLoss, RowTerm, mean_weights, row_losses};
+use tensor_slices::matrix;
 
 use super::ledger::{Entry, Ledger};
 
@@ -77,7 +78,7 @@ impl PixelLosses {
                 row[column] = *value;
             }
         }
-        let known = Tensor::from_data(TensorData::new(known, [self.rays, width]), device);
+        let known = matrix(known, [self.rays, width], device);
         let count = self.weights.len();
         let weights = Tensor::from_data(TensorData::new(self.weights, [count]), device);
         let losses = row_losses(rows, known, self.terms);

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use burn::Tensor;
-use burn::tensor::{Device, TensorData};
+use burn::tensor::Device;
 use glam::Vec3;
 use hashgrid::{GridLayout, SparseGrad};
 use losses::{ColourLoss, RowLoss, RowTerm, mean_weights, row_losses};
@@ -11,6 +11,7 @@ use neus_render::composite::{self, column};
 use scene_decomp::colour_field::{Reading, RowConfig};
 use scene_decomp::sdf_field::SdfFieldConfig;
 use scene_decomp::{Scene, Sharpness};
+use tensor_slices::matrix;
 
 use super::batch::{FieldSamples, MarchedBatch};
 use super::blend::{Blended, blend};
@@ -135,7 +136,7 @@ impl StepLosses {
 /// Rows of a list as a tensor without gradient.
 pub(super) fn constant(values: &[f32], columns: usize, device: &Device) -> Tensor<2> {
     let rows = values.len().checked_div(columns).unwrap_or(0);
-    Tensor::from_data(TensorData::new(values.to_vec(), [rows, columns]), device)
+    matrix(values.to_vec(), [rows, columns], device)
 }
 
 /// What is known about a batch's rays from looking ahead and back.

@@ -11,11 +11,12 @@ use crate::support::under_test;
 
 /// Whether there is more than software that poses as a GPU.
 fn has_hardware() -> bool {
-    let mut found = under_test().is_some_and(|found| found.option == "cuda");
+    let found = under_test().is_some_and(|found| found.option == "cuda");
     #[cfg(feature = "wgpu")]
-    for adapter in gpu_tensors::adapters() {
-        found |= adapter.is_gpu() && adapter.device().is_some();
-    }
+    let found = found
+        || gpu_tensors::adapters()
+            .iter()
+            .any(|adapter| adapter.is_gpu() && adapter.device().is_some());
     found
 }
 

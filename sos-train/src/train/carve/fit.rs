@@ -2,12 +2,13 @@
 
 use burn::Tensor;
 use burn::optim::GradientsParams;
-use burn::tensor::{Device, TensorData};
+use burn::tensor::Device;
 use glam::Vec3;
 use losses::eikonal_loss;
 use rand::{Rng, RngExt};
 use scene_decomp::SurfaceSamples;
 use scene_decomp::probability::ProbabilityMap;
+use tensor_slices::matrix;
 
 use super::super::Trainer;
 use super::super::sampler::step_random;
@@ -190,10 +191,7 @@ fn lesson(shape: &Shape, cameras: &[Vec3], random: &mut impl Rng) -> Lesson {
 }
 
 fn rows(values: &[f32], columns: usize, device: &Device) -> Tensor<2> {
-    Tensor::from_data(
-        TensorData::new(values.to_vec(), [values.len() / columns, columns]),
-        device,
-    )
+    matrix(values.to_vec(), [values.len() / columns, columns], device)
 }
 
 #[cfg(test)]
