@@ -3,6 +3,7 @@
 use crate::EvalError;
 use crate::folders::compare_folders;
 use crate::matching::{list_pictures, match_views};
+use crate::mattes::Mattes;
 use crate::report::Report;
 use crate::run::run_eval;
 use crate::table::{markdown_cells, markdown_headings, score_cells, score_headings};
@@ -109,8 +110,17 @@ fn true_mattes(gt_dir: &Path) -> PathBuf {
     }
 }
 
+/// The picture that shows a view in one folder.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MatteFile {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Whether its folder holds the labels 0 and 1, which scores take for black and white.
+    pub labels: bool,
+}
+
 /// A view's name and its files: the true matte, then one for each contender.
-pub type ViewFiles = (String, Vec<Option<PathBuf>>);
+pub type ViewFiles = (String, Vec<Option<MatteFile>>);
 
 /// The files that show each view: the true matte, then every contender's, `None` where it has none.
 ///
@@ -121,18 +131,24 @@ pub fn mattes_by_view(
     gt_dir: &Path,
 ) -> Result<Vec<ViewFiles>, EvalError> {
     let alpha_gt = true_mattes(gt_dir);
-    let truth = list_pictures(&alpha_gt)?;
-    let found = contenders
-        .iter()
-        .map(|contender| match_views(&alpha_gt, &truth.pictures, &contender.mattes()))
-        .collect::<Result<Vec<_>, _>>()?;
+    let truth = list_pictures(&alpha_gt)?.pictures;
+    let mut columns = vec![(Mattes::of(&alpha_gt, &truth)?.are_labels(), truth.clone())];
+    for contender in contenders {
+        let folder = contender.mattes();
+        let pictures = match_views(&alpha_gt, &truth, &folder)?.pictures;
+        columns.push((Mattes::of(&folder, &pictures)?.are_labels(), pictures));
+    }
+    let file = |labels: bool, path: &PathBuf| MatteFile {
+        path: path.clone(),
+        labels,
+    };
     Ok(truth
-        .pictures
-        .iter()
-        .map(|(name, path)| {
-            let files = found.iter().map(|files| files.pictures.get(name).cloned());
-            let row = std::iter::once(Some(path.clone())).chain(files).collect();
-            (name.clone(), row)
+        .keys()
+        .map(|name| {
+            let files = columns
+                .iter()
+                .map(|(labels, pictures)| pictures.get(name).map(|path| file(*labels, path)));
+            (name.clone(), files.collect())
         })
         .collect())
 }

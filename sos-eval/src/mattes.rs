@@ -43,6 +43,11 @@ impl<'a> Mattes<'a> {
         Ok(Self { folder, labels })
     }
 
+    /// Whether they hold the labels 0 and 1.
+    pub(crate) fn are_labels(&self) -> bool {
+        self.labels
+    }
+
     /// Reads one of them.
     pub(crate) fn read(&self, path: &Path) -> Result<Plane, EvalError> {
         let mut matte = read_alpha(path)?;

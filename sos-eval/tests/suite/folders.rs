@@ -288,6 +288,12 @@ fn labels_are_black_and_white_and_inverted_masks_are_named() {
         panic!("{:?}", report.notes)
     };
     assert!(labels.contains("pred") && labels.contains("labels 0 and 1"));
+    // Those who show them are told of each folder.
+    let contenders = [&pred, &start].map(|folder| Contender::parse(folder.to_str().unwrap()));
+    for (_, files) in mattes_by_view(&contenders, &truth).unwrap() {
+        let labels: Vec<_> = files.iter().flatten().map(|file| file.labels).collect();
+        assert_eq!(labels, [false, true, false]);
+    }
     assert!(inverted.contains("start") && inverted.contains("black is the object"));
     // One that has more in it is dark, all the same.
     GrayImage::from_pixel(40, 40, Luma([2]))

@@ -41,11 +41,15 @@ pub fn comparison_page(
         .map(|(name, files)| {
             let mut row = format!("<tr><th>{}</th>", escape(&name));
             for (column, file) in files.iter().enumerate() {
-                let Some(path) = file else {
+                let Some(file) = file else {
                     row.push_str("<td>none</td>");
                     continue;
                 };
-                let matte = thumbnail::matte(&matte_of(&thumbnail::open(path)?), ROOM);
+                let mut matte = matte_of(&thumbnail::open(&file.path)?);
+                if file.labels {
+                    matte.iter_mut().for_each(|label| *label *= u8::MAX);
+                }
+                let matte = thumbnail::matte(&matte, ROOM);
                 let _ = write!(
                     row,
                     "<td><img src=\"{}\" width=\"{}\" height=\"{}\" loading=\"lazy\" alt=\"\">",

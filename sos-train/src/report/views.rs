@@ -179,14 +179,10 @@ fn reference(dir: &Path, photo: &str) -> Option<PathBuf> {
         .find(|path| path.is_file())
 }
 
-/// Reference mattes come as grey pictures, or as the alpha of a cut-out; masks also as labels, 0 and 1.
+/// Reference mattes come as grey pictures, or as the alpha of a cut-out.
 pub(super) fn matte_of(picture: &DynamicImage) -> GrayImage {
     if !picture.color().has_alpha() {
-        let mut grey = picture.to_luma8();
-        if grey.iter().max() == Some(&1) {
-            grey.iter_mut().for_each(|label| *label *= u8::MAX);
-        }
-        return grey;
+        return picture.to_luma8();
     }
     let rgba = picture.to_rgba8();
     GrayImage::from_fn(rgba.width(), rgba.height(), |x, y| {
