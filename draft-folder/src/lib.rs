@@ -28,7 +28,8 @@ pub const PREFIX: &str = ".sos-partial-";
 #[derive(Debug)]
 pub struct Draft {
     folder: TempDir,
-    open: Open,
+    /// Lists it for [`abandon_all`] as long as it lasts.
+    _open: Open,
     /// As it was stated, which is how messages call it.
     place: PathBuf,
     /// The place behind all links.
@@ -86,7 +87,7 @@ impl Draft {
             return Err(failed("create", stated)(error));
         }
         let draft = |folder: TempDir, target: &Path, is_inside| Self {
-            open: Open::new(folder.path()),
+            _open: Open::new(folder.path()),
             folder,
             place: stated.to_owned(),
             target: target.to_owned(),
@@ -218,9 +219,7 @@ impl Draft {
 
     /// There is nothing left to remove at the temporary name.
     fn leave(self) {
-        let Self { folder, open, .. } = self;
-        let _ = folder.keep();
-        drop(open);
+        let _ = self.folder.keep();
     }
 }
 

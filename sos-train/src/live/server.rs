@@ -94,12 +94,10 @@ impl LiveServer {
                 for request in serving.incoming_requests() {
                     let live = Arc::clone(&live);
                     // Each by itself: one that announces more than it sends is waited for when it is dropped.
-                    let answering = std::thread::Builder::new()
+                    // Where the system has no thread to give, the page asks again.
+                    let _ = std::thread::Builder::new()
                         .name("live view, answer".to_owned())
                         .spawn(move || answer(&live, request));
-                    if answering.is_err() {
-                        break;
-                    }
                 }
             })?;
         Ok(Self {
