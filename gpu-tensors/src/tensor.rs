@@ -206,10 +206,11 @@ pub fn from_slice<const D: usize>(
 /// The sum of two row-major tensors of one shape, which is row-major too.
 ///
 /// # Panics
-/// When one is not row-major, or they are not of one size.
+/// When one is not row-major, or they are not of one shape.
 #[must_use]
 pub fn add(a: CubeTensor, b: CubeTensor) -> CubeTensor {
     let shape = a.meta.shape().clone();
+    assert_eq!(&shape, b.meta.shape(), "gpu-tensors: shapes of a sum");
     shaped(numeric::add(list(a), list(b)), shape)
 }
 

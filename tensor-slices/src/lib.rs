@@ -17,6 +17,8 @@
 //! let tensor = Flex::from_f32(vec![1.0, 2.5], [2]);
 //! assert_eq!(&*Flex::as_f32(&twice::<Flex>(tensor, 2)), &[2.0, 5.0]);
 //! ```
+//!
+//! The other way, [`matrix()`] makes a tensor of numbers from the host that is row-major on every device, GPUs included.
 
 pub mod elementary;
 mod flex;

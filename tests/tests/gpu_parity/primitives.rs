@@ -3,8 +3,9 @@
 use gpu_tensors::cubecl;
 use gpu_tensors::{
     AdamRule, AtomicSum, CompareAndSwap, CubeTensor, NativeSum, Packed, PointMatrix, Rates,
-    WeightReads, adam_step, buffer, column_sums, exp_m1, fresh, from_slice, has_native_sum,
-    layer_gradients, ln_1p, padded, read, running_sums, sigmoid, softplus, units_for, zeros,
+    WeightReads, adam_step, add, buffer, column_sums, copy, exp_m1, fresh, from_slice,
+    has_native_sum, layer_gradients, ln_1p, padded, read, running_sums, sigmoid, softplus,
+    units_for, zeros,
 };
 
 use burn::optim::{AdamConfig, Optimizer};
@@ -24,6 +25,29 @@ fn on_gpu(values: &[f32], shape: [usize; 2]) -> Option<CubeTensor> {
         panic!("the device under test is not CubeCL's");
     };
     Some(from_slice(&like.float(), values, shape))
+}
+
+/// What a sum or a copy gives is row-major too; rows that are apart are refused before a kernel takes them for others.
+#[test]
+fn kernels_are_given_row_major_memory_alone() {
+    let Some(device) = gpu() else {
+        return;
+    };
+    let values = Random(3).list(15);
+    let Some(there) = on_gpu(&values, [5, 3]) else {
+        return;
+    };
+    let twice = add(copy(&there), there.clone());
+    let _ = buffer(&twice);
+    let expected: Vec<f32> = values.iter().map(|value| 2.0 * value).collect();
+    assert_eq!(read(&twice), expected);
+    let turned = tensor(&values, [5, 3], &device).transpose();
+    let burn::backend::DispatchTensorKind::Cube(turned) = turned.into_dispatch().kind else {
+        panic!("the device under test is not CubeCL's");
+    };
+    let turned = turned.float();
+    let refused = std::panic::catch_unwind(|| buffer(&turned)).is_err();
+    assert!(refused, "strides {:?}", turned.meta.strides());
 }
 
 #[test]
