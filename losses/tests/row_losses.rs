@@ -4,8 +4,9 @@ mod support;
 
 use burn::tensor::{Device, Tensor, TensorData};
 use losses::{
-    ColourLoss, RowLoss, RowTerm, background_loss, eikonal_loss_of_lengths, mask_loss,
-    mean_weights, row_losses, row_losses_reference,
+    ColourLoss, PointPenalty, RowLoss, RowTerm, SparsityForm, background_loss,
+    eikonal_loss_of_lengths, mask_loss, mean_weights, point_loss, row_losses, row_losses_reference,
+    sparsity_loss,
 };
 use support::devices;
 
@@ -34,6 +35,8 @@ fn terms() -> Vec<RowTerm> {
         (RowLoss::Shortfall { seen: 3, most: 4 }, 4),
         (RowLoss::Value { column: 5 }, 5),
         (RowLoss::UnitLength { length: 5 }, 4),
+        (RowLoss::Sparsity { sdf: 3, tau: 2.5 }, 5),
+        (RowLoss::Surface { sdf: 5 }, 4),
     ]
     .map(|(loss, weight)| RowTerm { loss, weight })
     .to_vec()
@@ -68,7 +71,7 @@ fn run(
 ) -> [Vec<f32>; 2] {
     let rows = matrix(rows, COLUMNS, device).require_grad();
     let losses = of(rows.clone(), matrix(known, KNOWN, device), terms());
-    let mix = Tensor::from_floats([1.0, -2.0, 0.5, 3.0, 1.5, -0.7, 0.2], device);
+    let mix = Tensor::from_floats([1.0, -2.0, 0.5, 3.0, 1.5, -0.7, 0.2, -1.2, 0.8], device);
     let gradients = (losses.clone() * mix).sum().backward();
     [list(losses), list(rows.grad(&gradients).expect("tracked"))]
 }
@@ -100,6 +103,42 @@ fn one_pass_says_what_tensor_operations_say() {
             {
                 assert_close(&format!("{what} of {n} rows, {backend}"), f, e, 1e-5);
             }
+        }
+    }
+}
+
+/// On both sides of a surface, and on it.
+#[test]
+fn distances_are_those_of_the_losses_that_are_named() {
+    let sdf = [-0.3, 0.0, 0.25, -0.01, 0.8];
+    let n = sdf.len();
+    for (backend, device) in devices() {
+        // Values, and the gradient of one of both.
+        let run = |of: &dyn Fn(Tensor<2>) -> Tensor<1>, which: [f32; 2]| {
+            let rows = matrix(&sdf, 1, &device).require_grad();
+            let losses = of(rows.clone());
+            let mix = Tensor::from_floats(which, &device);
+            let gradients = (losses.clone() * mix).sum().backward();
+            [list(losses), list(rows.grad(&gradients).expect("tracked"))]
+        };
+        let in_one_pass = |rows| {
+            let terms = [
+                RowLoss::Sparsity { sdf: 0, tau: 4.0 },
+                RowLoss::Surface { sdf: 0 },
+            ]
+            .map(|loss| RowTerm { loss, weight: 0 });
+            let weights = matrix(&mean_weights(vec![1.0; n]), 1, &device);
+            row_losses(rows, weights, terms.to_vec())
+        };
+        let one_by_one = |rows: Tensor<2>| {
+            let sdf = rows.reshape([n]);
+            let sparsity = sparsity_loss(sdf.clone(), 4.0, SparsityForm::Plain, None);
+            Tensor::cat(vec![sparsity, point_loss(sdf, PointPenalty::L1, None)], 0)
+        };
+        for which in [[1.0, 0.0], [0.0, 1.0]] {
+            let (found, expected) = (run(&in_one_pass, which), run(&one_by_one, which));
+            assert_close(backend, &found[0], &expected[0], 1e-6);
+            assert_close(backend, &found[1], &expected[1], 1e-5);
         }
     }
 }
@@ -182,7 +221,7 @@ fn terms_are_the_losses_they_name() {
 fn nothing_is_zero_and_stays_differentiable() {
     for (_, device) in devices() {
         let [losses, gradient] = run(&device, &[], &[], row_losses);
-        assert_eq!(losses, vec![0.0; 7]);
+        assert_eq!(losses, vec![0.0; 9]);
         assert!(gradient.is_empty());
     }
     assert_eq!(mean_weights(vec![0.0, 0.0]), [0.0, 0.0]);

@@ -88,6 +88,8 @@ fn value(loss: RowLoss, row: &[f32], known: &[f32]) -> f32 {
         }
         RowLoss::Value { column } => row[column],
         RowLoss::UnitLength { length } => (row[length] - 1.0) * (row[length] - 1.0),
+        RowLoss::Sparsity { sdf, tau } => (-tau * row[sdf].abs()).exp(),
+        RowLoss::Surface { sdf } => row[sdf].abs(),
     }
 }
 
@@ -118,6 +120,11 @@ fn add_gradient(loss: RowLoss, row: &[f32], known: &[f32], scale: f32, out: &mut
         }
         RowLoss::Value { column } => out[column] += scale,
         RowLoss::UnitLength { length } => out[length] += 2.0 * scale * (row[length] - 1.0),
+        RowLoss::Sparsity { sdf, tau } => {
+            let value = (-tau * row[sdf].abs()).exp();
+            out[sdf] -= scale * tau * sign(row[sdf]) * value;
+        }
+        RowLoss::Surface { sdf } => out[sdf] += scale * sign(row[sdf]),
     }
 }
 

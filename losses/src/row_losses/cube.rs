@@ -28,6 +28,8 @@ enum Kind {
     Shortfall,
     Value,
     UnitLength,
+    Sparsity,
+    Surface,
 }
 
 /// A term as a kernel's constant.
@@ -39,13 +41,13 @@ struct Term {
     /// The known column beside it, or for a shortfall another of the row.
     other: usize,
     weight: usize,
-    /// Bits of Huber's delta.
-    delta: u32,
+    /// Bits of Huber's delta, or of tau.
+    constant: u32,
 }
 
 impl Term {
     fn of(term: &RowTerm) -> Self {
-        let (kind, column, other, delta) = match term.loss {
+        let (kind, column, other, constant) = match term.loss {
             RowLoss::Colour {
                 kind,
                 colour,
@@ -59,13 +61,15 @@ impl Term {
             RowLoss::Shortfall { seen, most } => (Kind::Shortfall, seen, most, 0.0),
             RowLoss::Value { column } => (Kind::Value, column, 0, 0.0),
             RowLoss::UnitLength { length } => (Kind::UnitLength, length, 0, 0.0),
+            RowLoss::Sparsity { sdf, tau } => (Kind::Sparsity, sdf, 0, tau),
+            RowLoss::Surface { sdf } => (Kind::Surface, sdf, 0, 0.0),
         };
         Self {
             kind,
             column,
             other,
             weight: term.weight,
-            delta: delta.to_bits(),
+            constant: constant.to_bits(),
         }
     }
 
@@ -73,7 +77,12 @@ impl Term {
     fn width(self) -> usize {
         match self.kind {
             Kind::Square | Kind::Absolute | Kind::Huber => 3,
-            Kind::Mask | Kind::Shortfall | Kind::Value | Kind::UnitLength => 1,
+            Kind::Mask
+            | Kind::Shortfall
+            | Kind::Value
+            | Kind::UnitLength
+            | Kind::Sparsity
+            | Kind::Surface => 1,
         }
     }
 
@@ -81,8 +90,8 @@ impl Term {
         (self.column..self.column + self.width()).contains(&column)
     }
 
-    fn delta(self) -> f32 {
-        f32::from_bits(self.delta)
+    fn constant(self) -> f32 {
+        f32::from_bits(self.constant)
     }
 }
 
@@ -281,7 +290,7 @@ fn value(rows: &[f32], known: &[f32], from: usize, beside: usize, #[comptime] te
             if comptime!(term.kind == Kind::Absolute) {
                 value += residual.abs();
             } else if comptime!(term.kind == Kind::Huber) {
-                let delta = comptime!(term.delta());
+                let delta = comptime!(term.constant());
                 let size = residual.abs();
                 let far = delta * (2.0f32 * size - delta);
                 value += select(size > delta, far, residual * residual);
@@ -300,6 +309,10 @@ fn value(rows: &[f32], known: &[f32], from: usize, beside: usize, #[comptime] te
         value = select(short < 0.0f32, 0.0f32, short);
     } else if comptime!(term.kind == Kind::Value) {
         value = x;
+    } else if comptime!(term.kind == Kind::Surface) {
+        value = x.abs();
+    } else if comptime!(term.kind == Kind::Sparsity) {
+        value = (comptime!(-term.constant()) * x.abs()).exp();
     } else {
         value = (x - 1.0f32) * (x - 1.0f32);
     }
@@ -320,13 +333,11 @@ fn slope(
     let mut slope = 1.0f32;
     if comptime!(term.width() == 3) {
         let residual = x - known[beside + comptime!(term.other + column - term.column)];
-        // The last arm has 0 and NaN, and stays what it is.
-        let up = select(residual > 0.0f32, 1.0f32, residual);
-        let sign = select(residual < 0.0f32, -1.0f32, up);
+        let sign = sign(residual);
         if comptime!(term.kind == Kind::Absolute) {
             slope = sign;
         } else if comptime!(term.kind == Kind::Huber) {
-            let delta = comptime!(term.delta());
+            let delta = comptime!(term.constant());
             let far = 2.0f32 * delta * sign;
             slope = select(residual.abs() > delta, far, 2.0f32 * residual);
         } else {
@@ -341,6 +352,18 @@ fn slope(
         slope = select(most < x, 0.0f32, -1.0f32);
     } else if comptime!(term.kind == Kind::UnitLength) {
         slope = 2.0f32 * (x - 1.0f32);
+    } else if comptime!(term.kind == Kind::Surface) {
+        slope = sign(x);
+    } else if comptime!(term.kind == Kind::Sparsity) {
+        let fall = comptime!(-term.constant());
+        slope = fall * sign(x) * (fall * x.abs()).exp();
     }
     slope
+}
+
+/// 1 or -1; 0 and NaN stay what they are.
+#[cube]
+fn sign(x: f32) -> f32 {
+    let up = select(x > 0.0f32, 1.0f32, x);
+    select(x < 0.0f32, -1.0f32, up)
 }

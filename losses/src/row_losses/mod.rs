@@ -60,6 +60,18 @@ pub enum RowLoss {
         /// The length's column.
         length: usize,
     },
+    /// [`sparsity_loss`](crate::sparsity_loss), in its plain form: `exp(-tau |sdf|)`.
+    Sparsity {
+        /// The signed distance's column.
+        sdf: usize,
+        /// Per unit of distance.
+        tau: f32,
+    },
+    /// [`point_loss`](crate::point_loss), by its absolute value: `|sdf|`, for a point of the surface.
+    Surface {
+        /// The signed distance's column.
+        sdf: usize,
+    },
 }
 
 /// A loss that is summed up over all rows.
@@ -81,7 +93,10 @@ impl RowLoss {
             }
             Self::Mask { opacity, mask } => [up_to(opacity), up_to(mask)],
             Self::Shortfall { seen, most } => [up_to(seen.max(most)), 0],
-            Self::Value { column } | Self::UnitLength { length: column } => [up_to(column), 0],
+            Self::Value { column: of }
+            | Self::UnitLength { length: of }
+            | Self::Sparsity { sdf: of, .. }
+            | Self::Surface { sdf: of } => [up_to(of), 0],
         }
     }
 }

@@ -50,5 +50,7 @@ fn loss_of_rows(loss: RowLoss, rows: &Tensor<2>, known: &Tensor<2>) -> Tensor<2>
         }
         RowLoss::Value { column: of } => column(of, 1),
         RowLoss::UnitLength { length } => (column(length, 1) - 1.0).square(),
+        RowLoss::Sparsity { sdf, tau } => (column(sdf, 1).abs() * -tau).exp(),
+        RowLoss::Surface { sdf } => column(sdf, 1).abs(),
     }
 }

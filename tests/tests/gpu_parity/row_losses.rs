@@ -32,6 +32,8 @@ fn terms() -> Vec<RowTerm> {
         (RowLoss::Shortfall { seen: 0, most: 4 }, 4),
         (RowLoss::Value { column: 5 }, 5),
         (RowLoss::UnitLength { length: 5 }, 4),
+        (RowLoss::Sparsity { sdf: 5, tau: 2.5 }, 5),
+        (RowLoss::Surface { sdf: 0 }, 4),
     ]
     .map(|(loss, weight)| RowTerm { loss, weight })
     .to_vec()
@@ -54,7 +56,11 @@ fn run(rows: &[f32], known: &[f32], device: &Device, kernel: bool) -> [Vec<f64>;
     } else {
         row_losses_reference(rows.clone(), known, &terms())
     };
-    let mix = tensor(&[1.0, -2.0, 0.5, 3.0, 1.5, -0.7, 0.2], [7], device);
+    let mix = tensor(
+        &[1.0, -2.0, 0.5, 3.0, 1.5, -0.7, 0.2, -1.2, 0.8],
+        [9],
+        device,
+    );
     let gradients = (sums.clone() * mix).sum().backward();
     let gradient = rows.grad(&gradients).map(numbers).unwrap_or_default();
     [numbers(sums), gradient]
@@ -111,7 +117,7 @@ fn there_may_be_no_rows() {
         return;
     };
     let [sums, gradient] = run(&[], &[], &gpu, true);
-    assert_eq!(sums, [0.0; 7]);
+    assert_eq!(sums, [0.0; 9]);
     assert!(gradient.is_empty());
 }
 
