@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use burn::backend::DispatchTensorKind;
 use burn::tensor::{Device, Tensor, TensorData};
-use gpu_tensors::{Packed, PointMatrix, WeightReads, from_slice, padded};
+use gpu_tensors::{CubeTensor, Packed, PointMatrix, WeightReads, from_slice, padded};
 use hashgrid::{GridLayout, SparseGrad};
 use neus_render::composite::{self, CompositeConfig, Packing};
 use neus_render::march::{DeviceGrids, MarchConfig, march_on_device, rays_on};
@@ -183,7 +183,9 @@ impl Marching {
 
 /// A hidden layer of the paper's networks, by itself.
 pub(super) struct Layer {
-    layer: Packed,
+    weight: CubeTensor,
+    bias: CubeTensor,
+    reads: WeightReads,
     x: PointMatrix,
 }
 
@@ -214,12 +216,16 @@ impl Layer {
         let shape = [padded(rows), points];
         let data = from_slice(&like, &values(shape[0] * points), shape);
         Some(Self {
-            layer: Packed::forward(&weight, &bias).reading(reads),
+            weight,
+            bias,
+            reads,
             x: PointMatrix { data, rows, points },
         })
     }
 
+    /// What is made of the weights beforehand counts: they are others in each step.
     pub(super) fn apply(&self) {
-        drop(self.layer.apply(&self.x));
+        let layer = Packed::forward(&self.weight, &self.bias).reading(self.reads);
+        drop(layer.apply(&self.x));
     }
 }
