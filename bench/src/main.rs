@@ -32,6 +32,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 use serde::Serialize;
+use sos_train::config::Preset;
 use sos_train::device::choose;
 
 use equal::Sizes;
@@ -61,9 +62,17 @@ struct Options {
     /// Measured steps at the paper's sizes.
     #[arg(long, default_value_t = 8, value_name = "N")]
     steps: usize,
-    /// Steps of the default preset; 0 leaves them out.
-    #[arg(long, default_value_t = 400, value_name = "N")]
+    /// Steps of a preset; 0 leaves them out.
+    #[arg(
+        long,
+        default_value_t = 400,
+        value_name = "N",
+        visible_alias = "preset-steps"
+    )]
     default_steps: u32,
+    /// Which preset: quick, default or paper.
+    #[arg(long, value_enum, default_value_t = Preset::Default, value_name = "NAME", hide_possible_values = true)]
+    preset: Preset,
     /// Measure nothing: say what a device of these rates could reach at best, as in 67000,4800, and with the cores
     /// of the processor beside it, as in 67000,4800,16, how fast it would train.
     #[arg(long, value_name = "GFLOPS,GBS[,CORES]")]
@@ -112,7 +121,8 @@ fn run(options: &Options) -> Result<()> {
             "--against-torch compares steps on the CPU; leave out --device, or --against-torch"
         );
         say(&chosen.name);
-        let report = on_device::measure(&chosen, &options.device, sizes, options.default_steps)?;
+        let steps = (options.preset, options.default_steps);
+        let report = on_device::measure(&chosen, &options.device, sizes, steps)?;
         return answer(options, &report);
     }
     let device = chosen.device;
@@ -147,13 +157,17 @@ fn run(options: &Options) -> Result<()> {
         }
         ours.push(figures);
     }
-    let default_preset = if options.default_steps > 0 {
-        say("steps of the default preset");
-        Some(steps::measure(options.default_steps, &options.device)?)
+    let preset_steps = if options.default_steps > 0 {
+        say(&format!("steps of the {} preset", options.preset));
+        Some(steps::measure(
+            options.preset,
+            options.default_steps,
+            &options.device,
+        )?)
     } else {
         None
     };
-    let report = Report::new(threads, peaks, ops, ours, comparisons, default_preset);
+    let report = Report::new(threads, peaks, ops, ours, comparisons, preset_steps);
     answer(options, &report)
 }
 

@@ -9,7 +9,7 @@ use sos_train::config::{Preset, TrainConfig};
 
 use crate::fields::OpFigures;
 use crate::peaks::Peaks;
-use crate::steps::{DefaultSteps, StepFigures};
+use crate::steps::{PresetSteps, StepFigures};
 use crate::torch::TorchFigures;
 
 /// Our step and PyTorch's, one after the other.
@@ -36,7 +36,7 @@ pub(crate) struct Report {
     peaks: Peaks,
     ops: Vec<OpFigures>,
     against_torch: Vec<Comparison>,
-    default_preset: Option<DefaultSteps>,
+    preset_steps: Option<PresetSteps>,
 }
 
 impl Report {
@@ -47,7 +47,7 @@ impl Report {
         ops: Vec<OpFigures>,
         ours: Vec<StepFigures>,
         against_torch: Vec<Comparison>,
-        default_preset: Option<DefaultSteps>,
+        preset_steps: Option<PresetSteps>,
     ) -> Self {
         let best = ours
             .into_iter()
@@ -68,7 +68,7 @@ impl Report {
             peaks,
             ops,
             against_torch,
-            default_preset,
+            preset_steps,
         }
     }
 }
@@ -198,17 +198,17 @@ impl fmt::Display for Report {
                 comparison.ratio
             )?;
         }
-        let Some(steps) = &self.default_preset else {
+        let Some(steps) = &self.preset_steps else {
             return Ok(());
         };
-        for (name, step) in [
-            ("the background alone", &steps.background_alone),
-            ("both fields", &steps.both_fields),
-        ] {
+        let alone = steps.background_alone.as_ref();
+        let kinds = alone.map(|step| ("the background alone", step));
+        for (name, step) in (kinds.into_iter()).chain([("both fields", &steps.both_fields)]) {
             writeln!(
                 f,
-                "default preset, {name}: {:.1} ms for {:.0} samples, {:.0} samples/s; optimisers \
+                "{} preset, {name}: {:.1} ms for {:.0} samples, {:.0} samples/s; optimisers \
                  and bookkeeping {:.1} %",
+                steps.preset,
                 step.step_ms,
                 step.samples_per_step,
                 step.trained_samples_per_s,

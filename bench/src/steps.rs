@@ -27,11 +27,12 @@ pub(crate) struct StepFigures {
     pub(crate) overhead_share: f64,
 }
 
-/// A short run of the default preset: BaCo alone, then both fields.
+/// A short run of a preset: BaCo alone, then both fields.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct DefaultSteps {
-    /// Before FoCoR is carved out.
-    pub(crate) background_alone: StepFigures,
+pub(crate) struct PresetSteps {
+    pub(crate) preset: Preset,
+    /// Before FoCoR is carved out; none where it is there from the start.
+    pub(crate) background_alone: Option<StepFigures>,
     /// Afterwards.
     pub(crate) both_fields: StepFigures,
 }
@@ -39,17 +40,20 @@ pub(crate) struct DefaultSteps {
 /// Steps at the beginning of either half that are not measured.
 const SETTLING: u32 = 40;
 
-/// Trains `steps` steps of the default preset on the demo scene.
-pub(crate) fn measure(steps: u32, device: &str) -> Result<DefaultSteps> {
-    let mut config = TrainConfig::preset(Preset::Default);
+/// Trains `steps` steps of `preset` on the demo scene.
+pub(crate) fn measure(preset: Preset, steps: u32, device: &str) -> Result<PresetSteps> {
+    let mut config = TrainConfig::preset(preset);
     config.steps = steps;
     config.device = device.to_owned();
     let data = prepared(&DemoConfig::default(), &config)?;
     let mut trainer = Trainer::new(&config, &data)?;
     let carve = schedule::carve_step(&config);
-    let background_alone = until(&mut trainer, &data, carve)?;
+    let background_alone = (carve > 0)
+        .then(|| until(&mut trainer, &data, carve))
+        .transpose()?;
     let both_fields = until(&mut trainer, &data, steps)?;
-    Ok(DefaultSteps {
+    Ok(PresetSteps {
+        preset,
         background_alone,
         both_fields,
     })

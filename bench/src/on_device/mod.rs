@@ -16,6 +16,7 @@ use burn::tensor::{Device, Tensor};
 use gpu_tensors::{Rates, WeightReads, finish};
 use hashgrid::{GridConfig, GridLayout, LazyAdam, TableReads};
 use serde::Serialize;
+use sos_train::config::Preset;
 use sos_train::device::ChosenDevice;
 
 use crate::equal::{self, Sizes};
@@ -40,7 +41,7 @@ pub(crate) struct DeviceReport {
     peak_gflops: f64,
     peak_gbs: f64,
     ops: Vec<DeviceOp>,
-    default_preset: Option<DeviceDefault>,
+    preset_steps: Option<DevicePreset>,
 }
 
 /// Steps of one kind. A step is over on the CPU before the device has done it, so that only the time of many
@@ -79,10 +80,12 @@ impl fmt::Display for DeviceSteps {
     }
 }
 
-/// A short run of the default preset.
+/// A short run of a preset.
 #[derive(Clone, Debug, Serialize)]
-struct DeviceDefault {
-    background_alone: DeviceSteps,
+struct DevicePreset {
+    preset: Preset,
+    /// None where both fields learn from the start.
+    background_alone: Option<DeviceSteps>,
     both_fields: DeviceSteps,
 }
 
@@ -98,12 +101,12 @@ pub(crate) struct DeviceOp {
     bandwidth_share: f64,
 }
 
-/// Measures the ops, steps at the paper's sizes, and those of the default preset unless there are none.
+/// Measures the ops, steps at the paper's sizes, and so many of a preset, unless there are none.
 pub(crate) fn measure(
     chosen: &ChosenDevice,
     name: &str,
     sizes: Sizes,
-    default_steps: u32,
+    (preset, preset_steps): (Preset, u32),
 ) -> Result<DeviceReport> {
     let rates = Rates::measure(&chosen.device, chosen.largest_binding)?
         .with_context(|| format!("{} is not run by CubeCL", chosen.name))?;
@@ -113,11 +116,12 @@ pub(crate) fn measure(
     };
     let ops = bench.ops(sizes)?;
     let step = DeviceSteps::from(equal::measure(sizes, name)?);
-    let default_preset = (default_steps > 0)
-        .then(|| steps::measure(default_steps, name))
+    let preset_steps = (preset_steps > 0)
+        .then(|| steps::measure(preset, preset_steps, name))
         .transpose()?
-        .map(|steps| DeviceDefault {
-            background_alone: steps.background_alone.into(),
+        .map(|steps| DevicePreset {
+            preset,
+            background_alone: steps.background_alone.map(DeviceSteps::from),
             both_fields: steps.both_fields.into(),
         });
     let of_sdf = || ops.iter().filter(|op| op.name.starts_with("sdf"));
@@ -129,7 +133,7 @@ pub(crate) fn measure(
         peak_gflops: rates.gflops,
         peak_gbs: rates.copy_gbs,
         ops,
-        default_preset,
+        preset_steps,
     })
 }
 
@@ -301,14 +305,13 @@ impl fmt::Display for DeviceReport {
             100.0 * self.roofline_share
         )?;
         write!(f, "step at the paper's sizes: {}", self.step)?;
-        let Some(steps) = &self.default_preset else {
+        let Some(steps) = &self.preset_steps else {
             return Ok(());
         };
-        for (name, step) in [
-            ("the background alone", &steps.background_alone),
-            ("both fields", &steps.both_fields),
-        ] {
-            write!(f, "default preset, {name}: {step}")?;
+        let alone = steps.background_alone.as_ref();
+        let kinds = alone.map(|step| ("the background alone", step));
+        for (name, step) in (kinds.into_iter()).chain([("both fields", &steps.both_fields)]) {
+            write!(f, "{} preset, {name}: {step}", steps.preset)?;
         }
         Ok(())
     }
