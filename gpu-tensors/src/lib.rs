@@ -15,6 +15,8 @@ mod adapters;
 #[cfg(feature = "cube")]
 mod atomic;
 #[cfg(feature = "cube")]
+mod constants;
+#[cfg(feature = "cube")]
 mod dense;
 #[cfg(feature = "cube")]
 mod elementary;
@@ -32,13 +34,15 @@ mod sums;
 mod tensor;
 
 #[cfg(feature = "cube")]
-pub use adam::{AdamRule, adam_step};
+pub use adam::{AdamRule, AdamSteps};
 #[cfg(feature = "wgpu")]
 pub use adapters::{Adapter, AdapterKind, adapters};
 #[cfg(feature = "cube")]
 pub use atomic::{AtomicSum, CompareAndSwap, NativeSum, has_native_sum, refuse_native_sums};
 #[cfg(feature = "cube")]
 pub use burn_cubecl::{CubeDevice, cubecl, tensor::CubeTensor};
+#[cfg(feature = "cube")]
+pub use constants::constant;
 #[cfg(feature = "cube")]
 pub use dense::{Packed, WeightReads};
 #[cfg(feature = "cube")]
@@ -56,6 +60,6 @@ pub use sums::column_sums;
 #[cfg(feature = "cube")]
 pub use tensor::{
     UNITS, Uploaded, add, buffer, contiguous, contiguous_words, copy, fresh, fresh_words,
-    from_slice, own, points_at_once, poison_fresh_memory, read, units_for, upload, workgroups,
-    zero_words, zeros,
+    from_slice, own, points_at_once, poison_fresh_memory, read, units_for, workgroups, zero_words,
+    zeros,
 };

@@ -260,12 +260,6 @@ impl Uploaded {
     }
 }
 
-/// Numbers from the host as one kernel's argument; at least one is always there to bind.
-#[must_use]
-pub fn upload<T: CubeElement + Default>(client: &Client, values: &[T]) -> BufferArg {
-    Uploaded::new(client, values).argument()
-}
-
 /// Workgroups of [`UNITS`] threads with at least one thread for each of `items`, spread over the
 /// grid's axes where one axis is too short. Threads from `items` on have nothing to do; `items` of
 /// zero must not be launched.

@@ -51,8 +51,8 @@ pub fn built_in(name: &str) -> Result<(), PrepareError> {
 
 /// The device of a name of the command line, one of [`DEVICES`](crate::config::DEVICES).
 ///
-/// `auto` is a GPU where the build can use one and there is one, through wgpu before CUDA, whose kernels do not yet pass
-/// their tests (docs/performance.md), else the CPU:
+/// `auto` is a GPU where the build can use one and there is one, through CUDA, which is the faster way to an NVIDIA GPU
+/// (docs/performance.md), before wgpu, else the CPU:
 /// never a software renderer, which `wgpu` takes when there is nothing else.
 ///
 /// # Errors
@@ -61,8 +61,8 @@ pub fn built_in(name: &str) -> Result<(), PrepareError> {
 pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
     built_in(name)?;
     match name {
-        "auto" => Ok(gpu(Software::Refused)
-            .or_else(cuda)
+        "auto" => Ok(cuda()
+            .or_else(|| gpu(Software::Refused))
             .unwrap_or_else(|| cpu("Flex", Device::flex()))),
         "cpu" | "flex" => Ok(cpu("Flex", Device::flex())),
         "ndarray" => Ok(cpu("NdArray", Device::ndarray())),

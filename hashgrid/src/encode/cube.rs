@@ -2,8 +2,8 @@
 
 use burn::backend::{Cube, TensorMetadata, tensor::FloatTensor};
 use gpu_tensors::{
-    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, buffer, contiguous, cubecl, fresh,
-    has_native_sum, units_for, upload, zeros,
+    AtomicSum, CompareAndSwap, CubeTensor, NativeSum, buffer, constant, contiguous, cubecl, fresh,
+    has_native_sum, units_for, zeros,
 };
 
 use super::backward::EncodeBackward;
@@ -118,7 +118,7 @@ fn forward_from<E: Entries>(
             dim,
             buffer(&contiguous(points)),
             table.buffer(),
-            upload(client, &level_words(&config.layout)),
+            constant(out, &level_words(&config.layout)),
             buffer(out),
             n as u32,
             config.active_levels as u32,
@@ -147,7 +147,7 @@ fn points_gradient<E: Entries>(
             dim,
             buffer(&contiguous(points)),
             table.buffer(),
-            upload(client, &level_words(&config.layout)),
+            constant(out, &level_words(&config.layout)),
             buffer(&contiguous(grad)),
             buffer(out),
             n as u32,
@@ -178,7 +178,7 @@ fn table_gradient<A: AtomicSum>(
             count,
             dim,
             buffer(&contiguous(points)),
-            upload(client, &level_words(&config.layout)),
+            constant(out, &level_words(&config.layout)),
             buffer(&contiguous(grad)),
             buffer(out),
             n as u32,

@@ -6,6 +6,7 @@
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use burn::module::Module;
 use burn::store::ModuleRecord;
@@ -83,9 +84,9 @@ impl Trainer {
         let levels = self.context.object_layout.levels.len();
         let schedule = super::schedule::at(&config, self.step, levels);
         FrozenScene {
-            fields: self.freeze_fields(schedule),
-            grids: self.grids.clone(),
-            map: self.map.clone(),
+            fields: self.fetch_fields(schedule),
+            grids: (*self.grids).clone(),
+            map: (*self.map).clone(),
             step: self.step,
             config,
         }
@@ -115,10 +116,10 @@ impl Trainer {
             .save(path(SHARPNESS))
             .map_err(|e| failed(&path(SHARPNESS), &e))?;
         self.optimiser
-            .save(path(OPTIMISER))
+            .save(&path(OPTIMISER))
             .map_err(|e| failed(&path(OPTIMISER), &e))?;
         self.sharpness_optimiser
-            .save(path(SHARPNESS_OPTIMISER))
+            .save(&path(SHARPNESS_OPTIMISER))
             .map_err(|e| failed(&path(SHARPNESS_OPTIMISER), &e))?;
         for (name, adam) in MOMENTS
             .iter()
@@ -181,15 +182,11 @@ impl Trainer {
             ModuleRecord::load(path(SHARPNESS)).map_err(|e| unusable(path(SHARPNESS), &e))?;
         let sharpness = self.sharpness.clone().try_load_record(record);
         self.sharpness = sharpness.map_err(|e| unusable(path(SHARPNESS), &e))?;
-        self.optimiser = self
-            .optimiser
-            .clone()
-            .load(path(OPTIMISER))
+        self.optimiser
+            .load(&path(OPTIMISER))
             .map_err(|e| unusable(path(OPTIMISER), &e))?;
-        self.sharpness_optimiser = self
-            .sharpness_optimiser
-            .clone()
-            .load(path(SHARPNESS_OPTIMISER))
+        self.sharpness_optimiser
+            .load(&path(SHARPNESS_OPTIMISER))
             .map_err(|e| unusable(path(SHARPNESS_OPTIMISER), &e))?;
         self.object_adam
             .restore(&read_floats(&path(MOMENTS[0]))?, numbers.object_adam_step)
@@ -224,7 +221,7 @@ impl Trainer {
             return Err(misfit("probability map").into());
         }
         self.follow(ProbabilityMap::new(resolution, map));
-        self.grids
+        Arc::make_mut(&mut self.grids)
             .restore(
                 &read_floats(&path(OCCUPANCY[0]))?,
                 &read_floats(&path(OCCUPANCY[1]))?,
@@ -239,6 +236,7 @@ impl Trainer {
         self.contested = numbers.contested;
         self.rate_scale = numbers.rate_scale;
         self.outlook.forget();
+        self.ahead.forget();
         Ok(numbers.seconds)
     }
 

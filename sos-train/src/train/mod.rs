@@ -2,6 +2,7 @@
 
 mod adam;
 pub mod agreement;
+mod ahead;
 pub mod batch;
 pub mod blend;
 pub mod carve;
@@ -17,6 +18,7 @@ mod order;
 mod outlook;
 mod pixel_losses;
 mod probes;
+mod renewal;
 mod representatives;
 mod rounds;
 pub mod run;
@@ -26,11 +28,12 @@ pub mod semantic;
 pub mod setup;
 mod shape_losses;
 pub mod step;
+mod total;
 pub mod visible;
 
 use std::sync::Arc;
 
-use burn::optim::{GradientsParams, ModuleOptimizer};
+use burn::optim::GradientsParams;
 use glam::Vec3;
 use hashgrid::{LazyAdam, SparseGrad};
 use neus_render::march::{Grids, MarchConfig};
@@ -40,12 +43,14 @@ use scene_decomp::{Scene, Sharpness, SurfaceVotes};
 use crate::config::{Fields, ProbabilitySource, TrainConfig};
 use crate::prepare::Prepared;
 use crate::prepare::mask_faults::MaskFaults;
+use adam::NetworkOptimiser;
 use agreement::Agreement;
+use ahead::Ahead;
 use batch::{MarchedBatch, Partition};
 use clock::{Phase, StepClock};
 use contested::Contested;
 use distortion::Spread;
-use grids::{FieldGrids, GridRule};
+use grids::FieldGrids;
 use outlook::Outlook;
 use sampler::{RayBatch, Sampler};
 use step::{Known, StepContext, StepLosses, StepSchedule};
@@ -56,8 +61,6 @@ pub use run::run;
 pub(crate) const BACKGROUND_STRIDE: u32 = 2;
 /// Steps between two updates of m^P from the votes.
 const VOTES_EVERY: u32 = 250;
-/// Share of a run after which occupied space changes slowly.
-const SETTLED: f32 = 0.5;
 /// What votes are worth after each update.
 const VOTES_KEPT: f32 = 0.7;
 /// Share of the run after the carving, or after the start, in which FoCoR finds its outline before
@@ -73,14 +76,14 @@ pub struct Trainer {
     context: StepContext,
     scene: Scene,
     sharpness: Sharpness,
-    optimiser: ModuleOptimizer,
-    sharpness_optimiser: ModuleOptimizer,
+    optimiser: NetworkOptimiser,
+    sharpness_optimiser: NetworkOptimiser,
     object_adam: LazyAdam,
     background_adam: LazyAdam,
-    grids: FieldGrids,
+    grids: Arc<FieldGrids>,
     device_name: String,
     /// m^P as it is now.
-    map: ProbabilityMap,
+    map: Arc<ProbabilityMap>,
     /// Sparse points in the box, whatever they are of.
     sparse_points: Vec<Vec3>,
     votes: SurfaceVotes,
@@ -92,6 +95,7 @@ pub struct Trainer {
     contested: Contested,
     sampler: Sampler,
     outlook: Outlook,
+    ahead: Ahead,
     step: u32,
     /// Rays a step, followed so that the samples meet the budget.
     rays: f32,
@@ -164,32 +168,14 @@ impl Trainer {
         if self.is_carving_due() {
             self.carve(data);
             self.outlook.forget();
+            self.ahead.forget();
         }
         self.clock.begin();
         if self.step.is_multiple_of(config.sampling.occupancy_every) {
             self.update_grids(schedule);
         }
         self.clock.lap(Phase::Grids);
-        let batch = self.sampler.draw(data, self.step, self.rays as usize);
-        self.clock.lap(Phase::Draw);
-        let fields = self.look_to_learn(schedule);
-        let (grids, partition) = space(&config, self.step, &self.grids, &self.map);
-        let gathered = gather::gather(
-            &batch,
-            &fields,
-            gather::Rules {
-                config: &config,
-                grids,
-                march: march_config(&config),
-                partition,
-                cos_anneal: schedule.cos_anneal,
-                spread: config.loss.distortion > 0.0 || schedule.far_weight > 0.0,
-                contested: &self.contested,
-                seed: config.seed ^ (u64::from(self.step) << 20),
-            },
-        );
-        drop(fields);
-        self.clock.lap(Phase::Gather);
+        let (batch, gathered) = self.collect(data);
         // What is not split needs no m^P to split it.
         if both && config.model.probability == ProbabilitySource::Surface {
             self.vote(data, &gathered.votes);
@@ -277,8 +263,12 @@ impl Trainer {
     /// What the schedules say now.
     #[must_use]
     pub fn schedule(&self) -> StepSchedule {
+        self.schedule_of(self.step)
+    }
+
+    fn schedule_of(&self, step: u32) -> StepSchedule {
         let levels = self.context.object_layout.levels.len();
-        schedule::at(self.config(), self.step, levels)
+        schedule::at(self.config(), step, levels)
     }
 
     /// The hash tables' learning rate at the last step.
@@ -314,8 +304,9 @@ impl Trainer {
     fn follow(&mut self, map: ProbabilityMap) {
         let crop = self.context.config.prepare.crop_threshold;
         self.context.points = shape_losses::surely_of_object(&self.sparse_points, &map);
-        self.grids.allow(&map, crop);
-        self.map = map;
+        self.ahead.forget_grids();
+        Arc::make_mut(&mut self.grids).allow(&map, crop);
+        self.map = Arc::new(map);
     }
 
     /// Compares the batch's mattes with the masks, once there is an object to speak of.
@@ -391,39 +382,6 @@ impl Trainer {
         let next = 0.9 * self.rays + 0.1 * wanted.clamp(0.5 * self.rays, 2.0 * self.rays);
         let most = sampling.most_rays as f32;
         self.rays = next.clamp(most.min(FEWEST_RAYS), most);
-    }
-
-    fn update_grids(&mut self, schedule: StepSchedule) {
-        let config = self.context.config.clone();
-        // For the first steps the fields say nothing yet: everything stays occupied.
-        let warm = (0.04 * config.steps as f32).max(64.0) as u32;
-        if self.step < warm {
-            return;
-        }
-        let round = self.step / config.sampling.occupancy_every.max(1);
-        let settled = schedule::progress(&config, self.step) > SETTLED;
-        let fields = self.look_ahead(schedule);
-        let [b_object, b_background] = fields.sharpness;
-        // What is not trained yet says nothing: until it is carved out, FoCoR may be anywhere.
-        if !schedule::background_alone(&config, self.step) {
-            let rule = GridRule {
-                transparency: config.model.foreground,
-                sharpness: b_object,
-                settled,
-            };
-            self.grids
-                .update_object(&fields.object, rule, config.seed, round);
-        }
-        if config.model.fields == Fields::Object {
-            return;
-        }
-        let rule = GridRule {
-            transparency: config.model.background,
-            sharpness: b_background,
-            settled,
-        };
-        self.grids
-            .update_background(&fields.background, rule, config.seed, round);
     }
 }
 

@@ -214,6 +214,16 @@ impl Trainer {
         self.snapshot(schedule).read()
     }
 
+    /// The same on the CPU, for whoever asks from many threads about a few points each: a GPU's fields are copied.
+    pub(super) fn fetch_fields(&self, schedule: StepSchedule) -> FrozenFields {
+        let now = self.snapshot(schedule);
+        if self.outlook.is_afar() {
+            now.fetch()
+        } else {
+            now.read()
+        }
+    }
+
     fn snapshot(&self, schedule: StepSchedule) -> Snapshot {
         Snapshot {
             object: self.freeze_object(schedule.active_levels),
@@ -229,13 +239,13 @@ impl Trainer {
         pair(self.sharpness.b())
     }
 
-    /// The fields' geometry for looking ahead, on the CPU: a GPU's as it was some steps ago.
+    /// The fields' geometry for looking ahead in the step that `schedule` is of, on the CPU: a GPU's as it was some steps ago.
     pub(super) fn look_ahead(&mut self, schedule: StepSchedule) -> FrozenFields {
-        if let Some(fields) = self.outlook.known(self.step) {
+        if let Some(fields) = self.outlook.known(schedule.step) {
             return fields;
         }
         let now = self.snapshot(schedule).without_features();
-        self.outlook.look(self.step, now)
+        self.outlook.look(schedule.step, now)
     }
 
     /// The same for a step that learns from what it looks at, which is written down on the CPU: but for samples of

@@ -1,11 +1,12 @@
 //! Losses that are sums over pixels, gathered for one pass.
 
 use burn::Tensor;
-use burn::tensor::{Device, TensorData};
+use burn::tensor::Device;
 use losses::{RowLoss, RowTerm, mean_weights, row_losses};
 use tensor_slices::matrix;
 
-use super::ledger::{Entry, Ledger};
+use super::ledger::Entry;
+use super::total::Weighed;
 
 /// Terms and what is known of each pixel.
 #[derive(Debug)]
@@ -69,8 +70,8 @@ impl PixelLosses {
         self.entries.push(entry);
     }
 
-    /// The weighted sum of all losses of the pixels' `rows`, `[1]`, each of which is written into `ledger`.
-    pub(super) fn sum(self, rows: Tensor<2>, ledger: &mut Ledger, device: &Device) -> Tensor<1> {
+    /// All losses of the pixels' `rows`.
+    pub(super) fn of(self, rows: Tensor<2>, device: &Device) -> Weighed {
         let width = self.known.len();
         let mut known = vec![0.0; width * self.rays];
         for (column, values) in self.known.iter().enumerate() {
@@ -79,10 +80,10 @@ impl PixelLosses {
             }
         }
         let known = matrix(known, [self.rays, width], device);
-        let count = self.weights.len();
-        let weights = Tensor::from_data(TensorData::new(self.weights, [count]), device);
-        let losses = row_losses(rows, known, self.terms);
-        ledger.note_all(&losses, self.entries);
-        (losses * weights).sum()
+        Weighed {
+            losses: row_losses(rows, known, self.terms),
+            weights: self.weights,
+            entries: self.entries,
+        }
     }
 }

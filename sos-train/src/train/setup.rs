@@ -5,8 +5,9 @@ use std::sync::Arc;
 use hashgrid::{GridConfig, GridLayout, LazyAdam, LazyAdamConfig};
 use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 
-use super::adam::adam;
+use super::adam::NetworkOptimiser;
 use super::agreement::Agreement;
+use super::ahead::Ahead;
 use super::clock::StepClock;
 use super::contested::Contested;
 use super::grids::FieldGrids;
@@ -157,12 +158,13 @@ impl Trainer {
             },
             scene: model,
             sharpness: Sharpness::new(sizes.sharpness_start, &device),
-            optimiser: adam(),
-            sharpness_optimiser: adam(),
-            grids,
+            optimiser: NetworkOptimiser::new(),
+            sharpness_optimiser: NetworkOptimiser::new(),
+            grids: Arc::new(grids),
             outlook: Outlook::new(chosen.is_cpu),
+            ahead: Ahead::new(chosen.is_cpu),
             device_name: chosen.name,
-            map: scene.map.clone(),
+            map: Arc::new(scene.map.clone()),
             sparse_points: scene.points.clone(),
             votes: SurfaceVotes::new(scene.map.resolution()),
             agreement: Agreement::new(scene.views.len()),

@@ -2,13 +2,15 @@
 
 use burn::Tensor;
 use glam::Vec3;
-use losses::{PointPenalty, SparsityForm, curvature_loss, point_loss, sparsity_loss};
+use losses::{RowLoss, RowTerm, curvature_loss, row_losses};
 use rand::{Rng, RngExt};
 use scene_decomp::Scene;
 use scene_decomp::probability::ProbabilityMap;
 
+use super::ledger::Entry;
 use super::sampler::step_random;
 use super::step::{StepContext, StepSchedule, constant};
+use super::total::Weighed;
 
 /// Points of the box that the sparsity loss looks at in each step.
 const SPARSITY_POINTS: usize = 512;
@@ -27,6 +29,45 @@ pub(super) fn surely_of_object(points: &[Vec3], map: &ProbabilityMap) -> Vec<Vec
     points.filter(|point| map.at(*point) >= SURE).collect()
 }
 
+/// Points, one kind after the other, and what is asked of each kind.
+#[derive(Default)]
+struct Asked {
+    points: Vec<f32>,
+    /// How many there are of each kind.
+    counts: Vec<usize>,
+    losses: Vec<RowLoss>,
+    weights: Vec<f32>,
+    entries: Vec<Entry>,
+}
+
+impl Asked {
+    /// Asks the mean of `loss` over `points`, `[n * 3]`.
+    fn add(&mut self, points: impl Iterator<Item = f32>, loss: RowLoss, weight: f32, entry: Entry) {
+        let before = self.points.len();
+        self.points.extend(points);
+        self.counts.push((self.points.len() - before) / 3);
+        self.losses.push(loss);
+        self.weights.push(weight);
+        self.entries.push(entry);
+    }
+
+    fn losses_of(&self, shape: Shape<'_>) -> Tensor<1> {
+        let kinds = self.losses.len();
+        // A row for each point, with the weight that its kind's mean gives it.
+        let rows = self.counts.iter().enumerate().flat_map(|(kind, count)| {
+            let row = (0..kinds).map(move |of| if of == kind { 1.0 / *count as f32 } else { 0.0 });
+            std::iter::repeat_n(row, *count).flatten()
+        });
+        let known = constant(&rows.collect::<Vec<f32>>(), kinds, &shape.context.device);
+        let terms = self.losses.iter().enumerate();
+        let terms = terms.map(|(weight, loss)| RowTerm {
+            loss: *loss,
+            weight,
+        });
+        row_losses(shape.geometry(&self.points), known, terms.collect())
+    }
+}
+
 /// FoCoR at one step.
 #[derive(Clone, Copy)]
 pub(super) struct Shape<'a> {
@@ -36,27 +77,37 @@ pub(super) struct Shape<'a> {
 }
 
 impl Shape<'_> {
-    /// L_sparsity at random points of the box: mostly where no ray ever looks.
+    /// What is asked of the distance at points of the step's own choosing, in one look at all of them: L_sparsity of random
+    /// points of the box, which is mostly where no ray ever looks, and how far some of the object's sparse points are from
+    /// the surface.
     ///
-    /// Samples of rays will not do: those that light reaches lie before the surface, and keeping them
+    /// For sparsity samples of rays will not do: those that light reaches lie before the surface, and keeping them
     /// off it would wear the object away.
-    pub(super) fn sparsity(self) -> Tensor<1> {
-        let mut random = self.random(0x05ba_25e0);
-        let points: Vec<f32> = (0..3 * SPARSITY_POINTS)
-            .map(|_| random.random_range(-1.0..1.0))
-            .collect();
-        let tau = self.context.config.loss.sparsity_tau;
-        sparsity_loss(self.distances(&points), tau, SparsityForm::Plain, None)
-    }
-
-    /// How far some of the object's sparse points are from the surface; of which there must be one.
-    pub(super) fn sparse_points(self) -> Tensor<1> {
-        let mut random = self.random(0x0901_4720);
+    pub(super) fn distances(self) -> Option<Weighed> {
+        let weights = &self.context.config.loss;
+        let mut asked = Asked::default();
+        if weights.sparsity > 0.0 {
+            let mut random = self.random(0x05ba_25e0);
+            let points = (0..3 * SPARSITY_POINTS).map(|_| random.random_range(-1.0..1.0));
+            let tau = weights.sparsity_tau;
+            let loss = RowLoss::Sparsity { sdf: 0, tau };
+            asked.add(points, loss, weights.sparsity, |losses| {
+                &mut losses.sparsity
+            });
+        }
         let points = &self.context.points;
-        let chosen: Vec<f32> = (0..SURFACE_POINTS)
-            .flat_map(|_| points[random.random_range(0..points.len())].to_array())
-            .collect();
-        point_loss(self.distances(&chosen), PointPenalty::L1, None)
+        if weights.points > 0.0 && !points.is_empty() {
+            let mut random = self.random(0x0901_4720);
+            let chosen = (0..SURFACE_POINTS)
+                .flat_map(|_| points[random.random_range(0..points.len())].to_array());
+            let loss = RowLoss::Surface { sdf: 0 };
+            asked.add(chosen, loss, weights.points, |losses| &mut losses.points);
+        }
+        (!asked.losses.is_empty()).then(|| Weighed {
+            losses: asked.losses_of(self),
+            weights: asked.weights,
+            entries: asked.entries,
+        })
     }
 
     /// How much normals differ between some of `samples` `[m * 3]`, not empty, and points a finest cell
@@ -84,12 +135,6 @@ impl Shape<'_> {
         let [here, there] = [0..CURVATURE_POINTS, CURVATURE_POINTS..rows]
             .map(|rows| normals.clone().slice([rows, 0..3]));
         curvature_loss(here, there, None)
-    }
-
-    /// Distances at `points` `[n * 3]`, `[n]`.
-    fn distances(self, points: &[f32]) -> Tensor<1> {
-        let n = points.len() / 3;
-        self.geometry(points).slice([0..n, 0..1]).reshape([n])
     }
 
     /// Distance, features and gradient at `points` `[n * 3]`, `[n, 1 + G + 3]`.

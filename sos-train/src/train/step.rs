@@ -21,6 +21,7 @@ use super::pixel_losses::PixelLosses;
 use super::sampler::RayBatch;
 use super::semantic;
 use super::shape_losses::Shape;
+use super::total::{Total, Weighed};
 use super::visible::composite_config;
 use crate::config::{self, AlphaSource, Blend, Fields, ModelConfig, TrainConfig, Transparency};
 use crate::prepare::{Label, Vote};
@@ -201,14 +202,12 @@ pub fn loss(
         compositing,
         &config.model,
     );
-    let mut ledger = Ledger::default();
+    let mut total = Total::default();
     let (rows, at) = pixel_rows(&pixels, &config.model);
-    let losses = pixel_losses(config, schedule, batch, known, at);
-    let mut total = losses.sum(rows, &mut ledger, device);
+    total.add(pixel_losses(config, schedule, batch, known, at).of(rows, device));
     let mut add = |part: Tensor<1>, weight: f32, entry: Entry| {
         if weight > 0.0 {
-            ledger.note(&part, entry);
-            total = total.clone() + part.mul_scalar(weight);
+            total.add(Weighed::one(part, weight, entry));
         }
     };
     if config.model.fields == Fields::Semantic {
@@ -224,24 +223,14 @@ pub fn loss(
     }
     // What follows speaks of a distance.
     let surface = !marched.object.is_empty() && config.model.foreground == Transparency::Sdf;
-    if surface {
-        let part = eikonal_of(object, &marched.object, device);
-        add(part, weights.eikonal, |losses| &mut losses.eikonal);
-    }
     let shape = Shape {
         context,
         scene,
         schedule,
     };
-    if weights.sparsity > 0.0 && surface {
-        add(shape.sparsity(), weights.sparsity, |losses| {
-            &mut losses.sparsity
-        });
-    }
-    if weights.points > 0.0 && surface && !context.points.is_empty() {
-        add(shape.sparse_points(), weights.points, |losses| {
-            &mut losses.points
-        });
+    if surface {
+        let part = eikonal_of(object, &marched.object, device);
+        add(part, weights.eikonal, |losses| &mut losses.eikonal);
     }
     if weights.curvature > 0.0 && surface {
         let part = shape.curvature(&marched.object.points);
@@ -253,8 +242,10 @@ pub fn loss(
             &mut losses.eikonal
         });
     }
-    ledger.note(&total, |losses| &mut losses.total);
-    Some((total, ledger))
+    if surface && let Some(distances) = shape.distances() {
+        total.add(distances);
+    }
+    Some(total.sum(device))
 }
 
 /// Columns of the pixels' rows that losses are of.

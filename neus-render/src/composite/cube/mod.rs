@@ -13,8 +13,8 @@ use std::sync::{Arc, OnceLock};
 
 use burn::backend::{Cube, tensor::FloatTensor};
 use gpu_tensors::{
-    CubeDevice, CubeTensor, Uploaded, buffer, column_sums, contiguous, cubecl, fresh, units_for,
-    upload, zeros,
+    CubeDevice, CubeTensor, Uploaded, buffer, column_sums, constant, contiguous, cubecl, fresh,
+    units_for, zeros,
 };
 
 use super::{
@@ -128,7 +128,7 @@ impl CompositeBackwardOps for Cube {
 /// A field's rows as a kernel's argument: there must be something to bind.
 fn rows(tensor: CubeTensor) -> BufferArg {
     if tensor.meta.shape()[0] == 0 {
-        upload(&tensor.client, &[0.0f32])
+        constant(&tensor, &[0.0f32])
     } else {
         buffer(&contiguous(tensor))
     }

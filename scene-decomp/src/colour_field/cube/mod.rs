@@ -7,8 +7,8 @@ mod kernels;
 use burn::backend::{Cube, TensorMetadata, tensor::FloatTensor};
 use gpu_tensors::cubecl::prelude::BufferArg;
 use gpu_tensors::{
-    CubeTensor, Packed, PointMatrix, buffer, contiguous, fresh, layer_gradients, padded,
-    points_at_once, units_for, upload,
+    CubeTensor, Packed, PointMatrix, buffer, constant, contiguous, fresh, layer_gradients, padded,
+    points_at_once, units_for,
 };
 
 use super::backward::{Arguments, ColourFieldBackward};
@@ -97,14 +97,14 @@ impl Saved {
         if self.sizes().stretched {
             buffer(&self.stretch)
         } else {
-            upload(&self.points.client, &[1.0f32])
+            constant(&self.points, &[1.0f32])
         }
     }
 
     /// The further inputs as a kernel's argument: there must be something to bind.
     fn extra(&self) -> BufferArg {
         if self.sizes().extra == 0 {
-            upload(&self.points.client, &[0.0f32])
+            constant(&self.points, &[0.0f32])
         } else {
             buffer(&self.extra)
         }

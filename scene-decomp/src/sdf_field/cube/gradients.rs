@@ -2,8 +2,8 @@
 
 use burn::backend::{Cube, TensorMetadata};
 use gpu_tensors::{
-    AtomicSum, CompareAndSwap, CubeTensor, LANES, NativeSum, Packed, PointMatrix, buffer,
-    has_native_sum, layer_gradients, padded, units_for, upload,
+    AtomicSum, CompareAndSwap, CubeTensor, LANES, NativeSum, Packed, PointMatrix, buffer, constant,
+    has_native_sum, layer_gradients, padded, units_for,
 };
 use hashgrid::FEATURES;
 use hashgrid::cube::level_words;
@@ -193,7 +193,7 @@ impl Saved {
                 cubes,
                 dim,
                 buffer(&self.points),
-                upload(client, &level_words(&self.config.layout)),
+                constant(table, &level_words(&self.config.layout)),
                 buffer(grad),
                 buffer(&dx.data),
                 buffer(table),

@@ -8,8 +8,8 @@ mod kernels;
 
 use burn::backend::{Cube, TensorMetadata, tensor::FloatTensor};
 use gpu_tensors::{
-    CubeTensor, LANES, Packed, PointMatrix, buffer, contiguous, fresh, padded, points_at_once,
-    units_for, upload, zeros,
+    CubeTensor, LANES, Packed, PointMatrix, buffer, constant, contiguous, fresh, padded,
+    points_at_once, units_for, zeros,
 };
 use hashgrid::TableReads;
 use hashgrid::cube::{DeviceTable, Entries, Half, Single, is_smooth, level_words};
@@ -142,7 +142,7 @@ impl Saved {
                 dim,
                 buffer(&self.points),
                 self.table.buffer(),
-                upload(client, &level_words(&self.config.layout)),
+                constant(&self.points, &level_words(&self.config.layout)),
                 buffer(&x.data),
                 buffer(&jacobian.data),
                 first as u32,
