@@ -14,7 +14,6 @@ use super::contested::Contested;
 use super::courier::{Courier, Parcel};
 use super::gather::{Gathered, Rules, gather};
 use super::grids::FieldGrids;
-use super::renewal::Renewal;
 use super::sampler::RayBatch;
 use super::step::StepSchedule;
 use super::visible::FrozenFields;
@@ -66,11 +65,15 @@ impl Ahead {
         self.grids.take().map(Parcel::open)
     }
 
-    /// Sends for `grids` with what the fields say now.
-    pub(super) fn renew(&mut self, renewal: Renewal, mut grids: Arc<FieldGrids>) {
+    /// Sends for `grids` as they are after `renewal`.
+    pub(super) fn renew(
+        &mut self,
+        mut grids: Arc<FieldGrids>,
+        renewal: impl FnOnce(&mut FieldGrids) + Send + 'static,
+    ) {
         self.grids = self.couriers.last().map(|courier| {
             courier.send(move || {
-                renewal.apply(Arc::make_mut(&mut grids));
+                renewal(Arc::make_mut(&mut grids));
                 grids
             })
         });
@@ -198,6 +201,24 @@ mod tests {
         // What is not wanted any more is gathered anew.
         assert!(ahead.take(3).is_none());
         assert_eq!(sent(&mut ahead, 3), Some(4));
+    }
+
+    #[test]
+    fn grids_are_renewed_beside_those_in_use_unless_these_have_changed() {
+        let map = ProbabilityMap::new(8, vec![0.5; 512]);
+        let in_use = Arc::new(FieldGrids::new(8, &map, 0.5));
+        let empty = |grids: &mut FieldGrids| grids.background.set_all(0.0);
+        let mut ahead = Ahead::new(false);
+        assert!(ahead.take_grids().is_none());
+        ahead.renew(in_use.clone(), empty);
+        let renewed = ahead.take_grids().expect("they were sent for");
+        let values = |grids: &FieldGrids| grids.background.values().to_vec();
+        assert_eq!(values(&renewed), vec![0.0; 512]);
+        assert_ne!(values(&in_use), values(&renewed));
+        // Nobody wants what was made of grids that are not in use any more.
+        ahead.renew(in_use, empty);
+        ahead.forget_grids();
+        assert!(ahead.take_grids().is_none());
     }
 
     #[test]

@@ -12,7 +12,7 @@ use crate::config::Fields;
 const SETTLED: f32 = 0.5;
 
 /// What grids are to learn of the fields.
-pub(super) struct Renewal {
+struct Renewal {
     fields: FrozenFields,
     /// Of FoCoR and BaCo, where they are asked.
     object: Option<GridRule>,
@@ -23,7 +23,7 @@ pub(super) struct Renewal {
 }
 
 impl Renewal {
-    pub(super) fn apply(&self, grids: &mut FieldGrids) {
+    fn apply(&self, grids: &mut FieldGrids) {
         let (fields, seed, round) = (&self.fields, self.seed, self.round);
         if let Some(rule) = self.object {
             grids.update_object(&fields.object, rule, seed, round);
@@ -68,6 +68,7 @@ impl Trainer {
         if let Some(renewed) = self.ahead.take_grids() {
             self.grids = renewed;
         }
-        self.ahead.renew(renewal, self.grids.clone());
+        let grids = self.grids.clone();
+        self.ahead.renew(grids, move |grids| renewal.apply(grids));
     }
 }
