@@ -10,6 +10,7 @@ use io_colmap::{MaskSet, Scene};
 use sos_train::config::{Preset, TrainConfig};
 use sos_train::discover::hint::Click;
 use sos_train::discover::{Discovery, Hint, find_object};
+use sos_train::prepare::mask::Mask;
 use sos_train::prepare::mask_faults::MaskFaults;
 use sos_train::prepare::pixels::PixelStore;
 use sos_train::prepare::view::load_views;
@@ -398,6 +399,16 @@ fn the_object_is_found_without_masks() {
     assert!(
         score > 0.6,
         "a click found it with an IoU of {score}: {:?}",
+        found.notes
+    );
+
+    // The mask of one view: what it does not show is found, too.
+    let mask = Mask::of_white(alpha, &views[0].store).unwrap();
+    let found = find(&Hint::Masks(vec![(0, mask)])).unwrap().unwrap();
+    let score = overlap(&found, &truth);
+    assert!(
+        score > 0.6,
+        "one mask found it with an IoU of {score}: {:?}",
         found.notes
     );
 

@@ -7,13 +7,15 @@ use serde::{Deserialize, Serialize};
 
 use super::parts::{PartSet, Parts};
 use super::region;
+use super::spread::spread;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask::Mask;
 use crate::prepare::{Frame, Prepared, TrainView};
 use crate::train::carve::depth::DepthPicture;
 
-/// Share of a part's visible pixels that the one mask must cover.
-const COVERED: f32 = 0.5;
+/// How many masks are few, at most, and how many views there must be for each of them.
+const FEW: usize = 7;
+const VIEWS_EACH: usize = 4;
 
 /// Where the object is.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -25,13 +27,8 @@ pub enum Hint {
     Click(Click),
     /// In a box of the scene's frame.
     Box(WorldBox),
-    /// In the mask of one view, by its number.
-    Mask {
-        /// The view's number.
-        view: usize,
-        /// White is the object, of the photo's size.
-        mask: Mask,
-    },
+    /// In the masks of a few views, white is the object, of their photos' sizes, each by the view's number; one at least.
+    Masks(Vec<(usize, Mask)>),
 }
 
 /// A pixel of a photo.
@@ -152,6 +149,18 @@ fn stem(name: &str) -> &str {
 }
 
 impl Hint {
+    /// The masks of `views` where they are few: too few for what they agree on to have the object's shape.
+    #[must_use]
+    pub fn of_few_masks(views: &[TrainView]) -> Option<Self> {
+        let masked = views.iter().enumerate();
+        let masks: Vec<(usize, Mask)> = masked
+            .filter_map(|(number, view)| Some((number, view.mask.clone()?)))
+            .collect();
+        let one = masks.len() == 1;
+        let few = masks.len() <= FEW && VIEWS_EACH * masks.len() <= views.len();
+        (one || few && !masks.is_empty()).then_some(Self::Masks(masks))
+    }
+
     /// The same for views at `1 / factor` of their width and height.
     #[must_use]
     pub fn downscaled(&self, factor: u32) -> Self {
@@ -188,15 +197,18 @@ impl Hint {
                 let view = click.find(views)?;
                 region::around_click(views, points, view, DVec2::new(click.x, click.y))
             }
-            Self::Mask { view, mask } => {
-                let (centre, radius) = centroid(mask).ok_or_else(|| {
+            Self::Masks(masks) => {
+                let largest = masks.iter().max_by_key(|(_, mask)| mask.area());
+                let around = largest.and_then(|(view, mask)| Some((*view, centroid(mask)?)));
+                let (view, (centre, radius)) = around.ok_or_else(|| {
+                    let names: Vec<&str> = masks.iter().map(|(i, _)| &*views[*i].name).collect();
                     PrepareError::Scene(format!(
                         "the mask of {} is empty, and there is no other; mark the object in it, or add \
                          --masks none to have the object looked for",
-                        views[*view].name
+                        names.join(", ")
                     ))
                 })?;
-                region::at_pixel(views, points, *view, centre, Some(radius))
+                region::at_pixel(views, points, view, centre, Some(radius))
             }
         }
     }
@@ -218,12 +230,13 @@ impl Hint {
         }
     }
 
-    /// The parts that are the object.
+    /// The object, of `parts` or, by masks, of all that is there, the fused distances `solid`.
     pub(super) fn choose(
         &self,
         parts: &Parts,
         data: &Prepared,
         depths: &[DepthPicture],
+        solid: &[f32],
     ) -> Result<PartSet, PrepareError> {
         let nothing = || {
             PrepareError::Scene(
@@ -249,16 +262,7 @@ impl Hint {
                         ))
                     })
             }
-            Self::Mask { view, mask } => {
-                let photo = &data.views[*view];
-                let depth = &depths[*view];
-                let shown = super::masks::points(photo, &data.frame, depth);
-                let at = shown.map(|(pixel, point)| {
-                    let inside = mask.contains(pixel.x as u32, pixel.y as u32);
-                    (point, inside)
-                });
-                parts.mostly_covered(at, COVERED).ok_or_else(nothing)
-            }
+            Self::Masks(masks) => spread(masks, data, depths, solid).ok_or_else(nothing),
         }
     }
 
@@ -268,7 +272,7 @@ impl Hint {
             Self::Nothing => "what stands in the middle of the cameras' view is",
             Self::Click(_) => "what stands at the click is",
             Self::Box(_) => "what stands in the box is",
-            Self::Mask { .. } => "what the one mask covers is",
+            Self::Masks(_) => "what the masks show is",
         }
     }
 }

@@ -43,6 +43,8 @@ pub(super) struct Look {
     pub(super) chosen: PartSet,
     /// What it was chosen from.
     pub(super) parts: Parts,
+    /// The fused distances of what was learnt, `[RESOLUTION^3]`, without humps.
+    solid: Vec<f32>,
     /// Whether there was a ground to be taken away.
     pub(super) has_ground: bool,
 }
@@ -92,12 +94,13 @@ impl Look {
         }
         hint.clip(&mut solid, RESOLUTION, &data.frame);
         let parts = Parts::new(&solid, RESOLUTION, ground.as_ref());
-        let chosen = hint.choose(&parts, &data, &depths)?;
+        let chosen = hint.choose(&parts, &data, &depths, &solid)?;
         Ok(Some(Self {
             data,
             depths,
             chosen,
             parts,
+            solid,
             has_ground: ground.is_some(),
         }))
     }
@@ -125,10 +128,16 @@ impl Look {
     /// The object as a core of what was found, if that hangs together with what lies beyond the region by bridges
     /// that are thinner than it: streaks of what was learnt in a short time, or things that touch.
     pub(super) fn parted(&self, hint: &Hint) -> Option<PartSet> {
+        if matches!(hint, Hint::Masks(_)) {
+            // What they show is the object, wherever it ends.
+            return None;
+        }
         let least = CORE_SHARE * self.chosen.central();
         (1..=MOST_LAYERS).find_map(|layers| {
             let split = self.parts.split(&self.chosen, layers);
-            let core = hint.choose(&split, &self.data, &self.depths).ok()?;
+            let core = hint
+                .choose(&split, &self.data, &self.depths, &self.solid)
+                .ok()?;
             (core.goes_on().is_none() && core.central() >= least).then_some(core)
         })
     }

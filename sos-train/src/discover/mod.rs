@@ -3,7 +3,8 @@
 //! A capture says what it is of by where its cameras look. So a background field learns the whole
 //! region of interest ([`region`]) for a while; its depths, fused, are solid shapes; the plane that
 //! things stand on is taken away ([`plane`]), and with it what bulges out of it (`humps.rs`); and of the parts
-//! that remain, the object is the one in the middle, or the one that a hint points at ([`parts`]). Where it goes on beyond the region, a larger
+//! that remain, the object is the one in the middle, or the one that a hint points at ([`parts`]). Where a few views have masks,
+//! the object is what they show and what hangs together with it instead, ground or not (`spread.rs`). Where it goes on beyond the region, a larger
 //! one is looked at in the same way; where that is of no use, it is parted from what hangs on it by thin bridges
 //! (`cores.rs`). Every view's pixels that show this part
 //! are its rough mask ([`masks`]), and from there on a run is like any other.
@@ -13,11 +14,15 @@
 mod cores;
 pub mod hint;
 mod humps;
+mod judge;
+mod likelihood;
 mod look;
 pub mod masks;
+mod network;
 pub mod parts;
 pub mod plane;
 pub mod region;
+mod spread;
 mod sweep;
 
 use std::sync::atomic::AtomicBool;
@@ -133,21 +138,31 @@ pub fn find_object(
             Mask::of_white(&mask, &view.store)
         })
         .collect::<Result<_, _>>()?;
-    let mut notes = vec![format!(
-        "no masks: {} taken for the object, one of {} parts in the box around ({:.3}, {:.3}, {:.3}) \
-         of side {:.3}, {}; found_masks/ shows it",
-        hint.reason(),
-        look.parts.count(),
+    let around = format!(
+        "in the box around ({:.3}, {:.3}, {:.3}) of side {:.3}",
         data.frame.centre.x,
         data.frame.centre.y,
         data.frame.centre.z,
-        2.0 * data.frame.half_side,
-        if look.has_ground {
-            "without the ground it stands on"
-        } else {
-            "where no ground was found"
-        },
-    )];
+        2.0 * data.frame.half_side
+    );
+    let mut notes = vec![match hint {
+        Hint::Masks(masks) => format!(
+            "{} of {} views with a mask: what they show is taken for the object, and what hangs together with it in its \
+             colours, {around}; found_masks/ shows it",
+            masks.len(),
+            data.views.len()
+        ),
+        _ => format!(
+            "no masks: {} taken for the object, one of {} parts {around}, {}; found_masks/ shows it",
+            hint.reason(),
+            look.parts.count(),
+            if look.has_ground {
+                "without the ground it stands on"
+            } else {
+                "where no ground was found"
+            },
+        ),
+    }];
     notes.extend(beyond);
     Ok(Some(Discovery { masks, notes }))
 }

@@ -62,6 +62,25 @@ pub struct PartSet {
 }
 
 impl PartSet {
+    /// Of voxels of a surface, each with whether it is the object: those that are, and what is next to them and no part of
+    /// the surface.
+    pub(super) fn of_surface(
+        resolution: usize,
+        surface: impl Iterator<Item = (usize, bool)>,
+    ) -> Self {
+        let mut labels = vec![0u8; resolution.pow(3)];
+        for (place, is_object) in surface {
+            labels[place] = if is_object { 2 } else { 1 };
+        }
+        let inside = (0..labels.len())
+            .map(|cell| match labels[cell] {
+                0 => neighbours(cell, resolution).any(|next| labels[next] == 2),
+                label => label == 2,
+            })
+            .collect();
+        Self { resolution, inside }
+    }
+
     /// Whether a point of the normalised frame belongs to it.
     #[must_use]
     pub fn contains(&self, point: Vec3) -> bool {
@@ -128,7 +147,8 @@ fn at_border(point: Vec3) -> bool {
     point.abs().max_element() > BORDER
 }
 
-fn voxel(point: Vec3, n: usize) -> Option<usize> {
+/// The voxel of `n^3` that a point of the normalised frame lies in.
+pub(super) fn voxel(point: Vec3, n: usize) -> Option<usize> {
     if point.is_nan() || point.abs().max_element() >= 1.0 {
         return None;
     }
@@ -250,26 +270,6 @@ impl Parts {
         best.map(|(_, label)| self.with_neighbours(&[label as usize]))
     }
 
-    /// The parts of which at least the share `least` of what one view shows is `inside` its mask.
-    pub fn mostly_covered(
-        &self,
-        shown: impl Iterator<Item = (Vec3, bool)>,
-        least: f32,
-    ) -> Option<PartSet> {
-        let mut counts = vec![[0u32; 2]; self.parts.len()];
-        for (point, inside) in shown {
-            let label = voxel(point, self.resolution).map_or(0, |cell| self.labels[cell]);
-            counts[label as usize][usize::from(inside)] += 1;
-        }
-        let chosen: Vec<usize> = (1..self.parts.len())
-            .filter(|&i| {
-                let [outside, inside] = counts[i];
-                inside > 0 && inside as f32 >= least * (inside + outside) as f32
-            })
-            .collect();
-        (!chosen.is_empty()).then(|| self.set(&chosen))
-    }
-
     /// The chosen parts and smaller ones close by: thin things come apart.
     fn with_neighbours(&self, chosen: &[usize]) -> PartSet {
         let main = chosen.iter().map(|&i| &self.parts[i]);
@@ -355,9 +355,6 @@ mod tests {
         assert!(parts.at(Vec3::new(-0.8, -0.8, -0.8)).is_none());
         let both = parts.all_large().unwrap();
         assert!(both.contains(on(far, 0.25)) && both.contains(on(near, 0.3)));
-        let shown = [(on(near, 0.3), false), (on(far, 0.25), true)];
-        let covered = parts.mostly_covered(shown.into_iter(), 0.5).unwrap();
-        assert!(covered.contains(on(far, 0.25)) && !covered.contains(on(near, 0.3)));
     }
 
     #[test]

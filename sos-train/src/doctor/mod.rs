@@ -41,20 +41,14 @@ impl Location {
         hint: &Hint,
         config: &PrepareConfig,
     ) -> Self {
-        let with_mask: Vec<usize> = (0..views.len())
-            .filter(|&i| views[i].mask.is_some())
-            .collect();
         // Around what masks agree on, what it stands on has to be seen too. A region without masks holds that already, and
         // training looks for the ground in it as it is.
         let mut surroundings = 1.0;
-        let (frame, by, consensus) = match with_mask.as_slice() {
-            [] => (hint.region(views, points), by_hint(hint), None),
-            &[view] => {
-                let mask = views[view].mask.clone();
-                let hint = mask.map_or(Hint::Nothing, |mask| Hint::Mask { view, mask });
-                (hint.region(views, points), by_hint(&hint), None)
-            }
-            _ => match MaskConsensus::of(views, points, config) {
+        let of_masks = Hint::of_few_masks(views);
+        let is_masked = views.iter().any(|view| view.mask.is_some());
+        let (frame, by, consensus) = match of_masks.as_ref().or((!is_masked).then_some(hint)) {
+            Some(hint) => (hint.region(views, points), by_hint(hint), None),
+            None => match MaskConsensus::of(views, points, config) {
                 Ok(found) => {
                     surroundings = SURROUNDINGS;
                     (Ok(found.frame), "where the masks agree", Some(found))
@@ -115,7 +109,7 @@ fn by_hint(hint: &Hint) -> &'static str {
         Hint::Nothing => "to be looked for where the cameras look",
         Hint::Click(_) => "to be looked for around the click",
         Hint::Box(_) => "to be looked for in the box that was given",
-        Hint::Mask { .. } => "to be looked for around what the one mask shows",
+        Hint::Masks(_) => "to be looked for around what the masks show",
     }
 }
 

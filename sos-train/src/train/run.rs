@@ -164,7 +164,7 @@ struct MaskedViews {
     notes: Vec<String>,
 }
 
-/// The photos with rough masks: those given, or where that is one at most, those that the search for
+/// The photos with rough masks: those given, or where these are few or none, those that the search for
 /// the object came up with. `None` when it was interrupted.
 fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedViews>> {
     if job.resume && job.run.has_found_masks() {
@@ -185,7 +185,8 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
         Checks::Make => admit(job, &views, progress)?,
         Checks::Skip => Admission::default(),
     };
-    if consensus.is_none() && views.iter().filter(|view| view.mask.is_some()).count() > 1 {
+    let is_masked = views.iter().any(|view| view.mask.is_some());
+    if consensus.is_none() && is_masked && Hint::of_few_masks(&views).is_none() {
         // Of the photos as they are, as the checks have it: a run that goes on needs the same box.
         let found = MaskConsensus::of(&views, &job.scene.model.points, &job.config.prepare)?;
         if let Some(note) = found.note(&views) {
@@ -195,19 +196,10 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
         consensus = Some(found);
     }
     views = downscaled(views, job)?;
-    let with_mask: Vec<usize> = (0..views.len())
-        .filter(|&i| views[i].mask.is_some())
-        .collect();
-    let hint = match with_mask.as_slice() {
-        [] => job.hint.downscaled(job.config.prepare.downscale),
-        &[view] => match &views[view].mask {
-            Some(mask) => Hint::Mask {
-                view,
-                mask: mask.clone(),
-            },
-            None => Hint::Nothing,
-        },
-        _ => {
+    let hint = match Hint::of_few_masks(&views) {
+        Some(hint) => hint,
+        None if !is_masked => job.hint.downscaled(job.config.prepare.downscale),
+        None => {
             return Ok(Some(MaskedViews {
                 views,
                 are_found: false,
