@@ -56,35 +56,33 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// What it says of a point; `None` of one that it sees past: nothing is there.
-    pub(super) fn of(&self, point: Vec3) -> Option<Saying> {
+    /// What it says of a point: nothing of one that it sees past, for that is noise, or learnt a little off the place at
+    /// which its outline passes it.
+    pub(super) fn of(&self, point: Vec3) -> Saying {
         let world = self.data.frame.world_from_normalised(point);
         let Some((pixel, _)) = self.view.project(world) else {
-            return Some(Saying::default());
+            return Saying::default();
         };
         let before = self.depth.at(pixel) - point.distance(self.origin);
+        if before.is_nan() || before > self.within {
+            return Saying::default();
+        }
         let white = self.white(pixel);
-        if before.is_nan() {
-            return Some(Saying::default());
-        }
-        if before > self.within {
-            return None;
-        }
-        if before < -self.within {
-            return Some(Saying {
-                aside: !white,
-                ..Saying::default()
-            });
-        }
         let sure = [Vec2::X, Vec2::Y, Vec2::NEG_X, Vec2::NEG_Y]
             .iter()
             .all(|way| self.white(pixel + self.unsure * *way) == white);
+        if before < -self.within {
+            return Saying {
+                aside: sure && !white,
+                ..Saying::default()
+            };
+        }
         let weight = if sure { 1.0 } else { UNSURE_WEIGHT };
-        Some(Saying {
+        Saying {
             inside: if white { weight } else { 0.0 },
             outside: if white { 0.0 } else { weight },
             aside: false,
-        })
+        }
     }
 
     /// Whether its mask is white at a pixel, or the nearest one in the picture.

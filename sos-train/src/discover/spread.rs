@@ -109,7 +109,7 @@ fn surface(
                     let colour = Vec3::from(colour.0.map(f32::from)) / 255.0;
                     let mut all = Saying::default();
                     for judge in &judges {
-                        let says = judge.of(point)?;
+                        let says = judge.of(point);
                         all.inside += says.inside;
                         all.outside += says.outside;
                         all.aside |= says.aside;
