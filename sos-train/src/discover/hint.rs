@@ -14,7 +14,7 @@ use crate::prepare::{Frame, Prepared, TrainView};
 use crate::train::carve::depth::DepthPicture;
 
 /// How many masks are few, at most, and how many views there must be for each of them.
-const FEW: usize = 7;
+const FEW: usize = 3;
 const VIEWS_EACH: usize = 4;
 
 /// Where the object is.
