@@ -19,6 +19,7 @@ mod likelihood;
 mod look;
 pub mod masks;
 mod network;
+mod normal;
 pub mod parts;
 pub mod plane;
 pub mod region;

@@ -5,6 +5,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
+use super::normal::normal;
 use super::parts::neighbours;
 
 /// How badly creases conduct.
@@ -132,18 +133,6 @@ impl Network {
         }
         x
     }
-}
-
-/// Where the fused distances grow, of length one, or nothing.
-fn normal(solid: &[f32], place: usize, n: usize) -> Vec3 {
-    let slope = |step: usize| {
-        let along = place / step % n;
-        if along == 0 || along + 1 == n {
-            return 0.0;
-        }
-        solid[place + step] - solid[place - step]
-    };
-    Vec3::new(slope(1), slope(n), slope(n * n)).normalize_or_zero()
 }
 
 #[cfg(test)]

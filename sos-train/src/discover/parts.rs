@@ -68,15 +68,18 @@ impl PartSet {
         resolution: usize,
         surface: impl Iterator<Item = (usize, bool)>,
     ) -> Self {
-        let mut labels = vec![0u8; resolution.pow(3)];
+        let mut labels = vec![None; resolution.pow(3)];
         for (place, is_object) in surface {
-            labels[place] = if is_object { 2 } else { 1 };
+            labels[place] = Some(is_object);
         }
-        let inside = (0..labels.len())
-            .map(|cell| match labels[cell] {
-                0 => neighbours(cell, resolution).any(|next| labels[next] == 2),
-                label => label == 2,
-            })
+        Self::of_labels(resolution, |cell| labels[cell])
+    }
+
+    /// The voxels whose label holds, and those next to them without any.
+    fn of_labels(resolution: usize, label: impl Fn(usize) -> Option<bool>) -> Self {
+        let holds = |cell| label(cell) == Some(true);
+        let inside = (0..resolution.pow(3))
+            .map(|cell| label(cell).unwrap_or_else(|| neighbours(cell, resolution).any(holds)))
             .collect();
         Self { resolution, inside }
     }
@@ -293,18 +296,10 @@ impl Parts {
         for &i in chosen {
             wanted[i] = true;
         }
-        let inside = (0..self.labels.len())
-            .map(|cell| match self.labels[cell] {
-                0 => {
-                    neighbours(cell, self.resolution).any(|next| wanted[self.labels[next] as usize])
-                }
-                label => wanted[label as usize],
-            })
-            .collect();
-        PartSet {
-            resolution: self.resolution,
-            inside,
-        }
+        PartSet::of_labels(self.resolution, |cell| {
+            let label = self.labels[cell];
+            (label != 0).then(|| wanted[label as usize])
+        })
     }
 }
 

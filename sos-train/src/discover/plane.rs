@@ -5,6 +5,8 @@ use glam::{Mat3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+use super::normal::normal;
+
 /// A plane that is kept out of the object, all that is behind it included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
@@ -92,10 +94,10 @@ pub fn surface_points(solid: &[f32], resolution: usize) -> Vec<SurfacePoint> {
             if !steps.iter().any(open) {
                 return None;
             }
-            let slope = Vec3::from_array(steps.map(|step| solid[cell + step] - solid[cell - step]));
-            Some(SurfacePoint {
+            let normal = normal(solid, cell, n);
+            (normal != Vec3::ZERO).then(|| SurfacePoint {
                 at: scene_decomp::probability::ProbabilityMap::centre(n, cell),
-                normal: slope.try_normalize()?,
+                normal,
             })
         })
         .collect()
