@@ -357,7 +357,7 @@ fn masks_are_moved_from_where_they_were_given() {
 }
 
 #[test]
-fn the_object_is_found_without_masks() {
+fn the_object_is_found_without_masks_and_by_one() {
     let folder = tempfile::tempdir().unwrap();
     let truth = demo_scene::generate(&DemoConfig::tiny());
     truth.write(folder.path()).unwrap();
@@ -401,6 +401,20 @@ fn the_object_is_found_without_masks() {
         "a click found it with an IoU of {score}: {:?}",
         found.notes
     );
+
+    // Of twelve views, masks of up to three are few, one is in any case.
+    let masked = |views: &[TrainView], count: usize| {
+        let mut views = views.to_vec();
+        for view in &mut views[..count] {
+            view.mask = Some(Mask::of_white(alpha, &view.store).unwrap());
+        }
+        Hint::of_few_masks(&views).is_some()
+    };
+    assert_eq!(
+        [0, 1, 3, 4].map(|n| masked(&views, n)),
+        [false, true, true, false]
+    );
+    assert_eq!([1, 2].map(|n| masked(&views[..4], n)), [true, false]);
 
     // The mask of one view: what it does not show is found, too.
     let mask = Mask::of_white(alpha, &views[0].store).unwrap();

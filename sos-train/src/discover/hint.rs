@@ -262,17 +262,25 @@ impl Hint {
                         ))
                     })
             }
-            Self::Masks(masks) => spread(masks, data, depths, solid).ok_or_else(nothing),
+            Self::Masks(masks) => spread(masks, data, depths, solid).ok_or_else(|| {
+                PrepareError::Scene(
+                    "where the few masks are white, nothing was found in the region around it; mask more photos, or \
+                     give the region with --masks none and --box"
+                        .to_owned(),
+                )
+            }),
         }
     }
 
     /// For the note on the choice.
     pub(super) fn reason(&self) -> &'static str {
         match self {
-            Self::Nothing => "what stands in the middle of the cameras' view is",
-            Self::Click(_) => "what stands at the click is",
-            Self::Box(_) => "what stands in the box is",
-            Self::Masks(_) => "what the masks show is",
+            Self::Nothing => "no masks: what stands in the middle of the cameras' view is",
+            Self::Click(_) => "no masks: what stands at the click is",
+            Self::Box(_) => "no masks: what stands in the box is",
+            Self::Masks(_) => {
+                "few masks: what they show, and what hangs together with it in its colours, is"
+            }
         }
     }
 }

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use crate::prepare::mask::Mask;
-use crate::prepare::{Prepared, TrainView};
+use crate::prepare::{Frame, Prepared, TrainView};
 use crate::train::carve::depth::DepthPicture;
 
 /// Voxels by which a point may lie before or behind what a masked view shows at its pixel, to be what it shows.
@@ -29,29 +29,29 @@ pub(super) struct Judge<'a> {
     view: &'a TrainView,
     mask: &'a Mask,
     depth: &'a DepthPicture,
-    data: &'a Prepared,
+    frame: &'a Frame,
     origin: Vec3,
     within: f32,
     unsure: f32,
 }
 
 impl<'a> Judge<'a> {
-    /// Of the `mask` of a `view` that shows `depth`, on `resolution` voxels along the region.
+    /// Of the `mask` of a view, by its number in `data`, that shows `depth`.
     pub(super) fn new(
-        view: &'a TrainView,
+        view: usize,
         mask: &'a Mask,
         depth: &'a DepthPicture,
         data: &'a Prepared,
-        resolution: usize,
     ) -> Self {
+        let view = &data.views[view];
         let diagonal = (view.width() as f32).hypot(view.height() as f32);
         Self {
             view,
             mask,
             depth,
-            data,
+            frame: &data.frame,
             origin: view.world_from_camera(&data.frame).translation.into(),
-            within: SEEN_WITHIN * 2.0 / resolution as f32,
+            within: SEEN_WITHIN * 2.0 / data.map.resolution() as f32,
             unsure: UNSURE * diagonal,
         }
     }
@@ -59,10 +59,13 @@ impl<'a> Judge<'a> {
     /// What it says of a point: nothing of one that it sees past, for that is noise, or learnt a little off the place at
     /// which its outline passes it.
     pub(super) fn of(&self, point: Vec3) -> Saying {
-        let world = self.data.frame.world_from_normalised(point);
+        let world = self.frame.world_from_normalised(point);
         let Some((pixel, _)) = self.view.project(world) else {
             return Saying::default();
         };
+        if self.view.ignores(pixel.x as u32, pixel.y as u32) {
+            return Saying::default();
+        }
         let before = self.depth.at(pixel) - point.distance(self.origin);
         if before.is_nan() || before > self.within {
             return Saying::default();

@@ -9,7 +9,7 @@ const LEAST_SHARE: f32 = 1e-3;
 
 /// How often each colour is the object's where that is known.
 pub(super) struct Colours {
-    /// Shares of the object's voxels and of the others.
+    /// Of each bin, its share of what is not the object's, and of the object.
     shares: Vec<[f32; 2]>,
 }
 

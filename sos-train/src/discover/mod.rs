@@ -139,31 +139,26 @@ pub fn find_object(
             Mask::of_white(&mask, &view.store)
         })
         .collect::<Result<_, _>>()?;
-    let around = format!(
-        "in the box around ({:.3}, {:.3}, {:.3}) of side {:.3}",
-        data.frame.centre.x,
-        data.frame.centre.y,
-        data.frame.centre.z,
-        2.0 * data.frame.half_side
-    );
-    let mut notes = vec![match hint {
-        Hint::Masks(masks) => format!(
-            "{} of {} views with a mask: what they show is taken for the object, and what hangs together with it in its \
-             colours, {around}; found_masks/ shows it",
-            masks.len(),
-            data.views.len()
-        ),
+    let chosen_from = match hint {
+        Hint::Masks(_) => String::new(),
         _ => format!(
-            "no masks: {} taken for the object, one of {} parts {around}, {}; found_masks/ shows it",
-            hint.reason(),
+            ", one of {} parts, {}",
             look.parts.count(),
             if look.has_ground {
                 "without the ground it stands on"
             } else {
                 "where no ground was found"
-            },
+            }
         ),
-    }];
+    };
+    let mut notes = vec![format!(
+        "{} taken for the object{chosen_from}, in the box around ({:.3}, {:.3}, {:.3}) of side {:.3}; found_masks/ shows it",
+        hint.reason(),
+        data.frame.centre.x,
+        data.frame.centre.y,
+        data.frame.centre.z,
+        2.0 * data.frame.half_side,
+    )];
     notes.extend(beyond);
     Ok(Some(Discovery { masks, notes }))
 }

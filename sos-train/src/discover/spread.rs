@@ -95,7 +95,7 @@ fn surface(
 ) -> (Vec<usize>, Vec<Cell>) {
     let judges: Vec<Judge> = masks
         .iter()
-        .map(|(view, mask)| Judge::new(&data.views[*view], mask, &depths[*view], data, resolution))
+        .map(|(view, mask)| Judge::new(*view, mask, &depths[*view], data))
         .collect();
     let shown: Vec<Vec<(usize, Vec3, Saying)>> = data
         .views
@@ -105,7 +105,11 @@ fn surface(
             masks::points(view, &data.frame, depth)
                 .filter_map(|(pixel, point)| {
                     let place = voxel(point, resolution)?;
-                    let colour = view.photo.get_pixel(pixel.x as u32, pixel.y as u32);
+                    let (x, y) = (pixel.x as u32, pixel.y as u32);
+                    if view.ignores(x, y) {
+                        return None;
+                    }
+                    let colour = view.photo.get_pixel(x, y);
                     let colour = Vec3::from(colour.0.map(f32::from)) / 255.0;
                     let mut all = Saying::default();
                     for judge in &judges {
