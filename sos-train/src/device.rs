@@ -16,6 +16,8 @@ pub struct ChosenDevice {
     pub largest_binding: Option<u64>,
     /// Whether it is the CPU by kernels of its own, not a GPU or what poses as one.
     pub is_cpu: bool,
+    /// Whether it poses as a GPU and works on the processor's cores: a software renderer.
+    pub shares_cores: bool,
 }
 
 /// What every build but one with CUDA alone has besides.
@@ -168,6 +170,7 @@ fn cpu(backend: &str, device: Device) -> ChosenDevice {
         name: format!("{backend} on {threads}"),
         largest_binding: None,
         is_cpu: true,
+        shares_cores: false,
     }
 }
 
@@ -191,6 +194,7 @@ fn cuda() -> Option<ChosenDevice> {
         device,
         largest_binding: None,
         is_cpu: false,
+        shares_cores: false,
     })
 }
 
@@ -239,6 +243,7 @@ fn gpu(software: Software) -> Option<ChosenDevice> {
                 name: format!("{} ({}, {})", adapter.name, adapter.kind, adapter.api),
                 largest_binding: Some(adapter.largest_binding),
                 is_cpu: false,
+                shares_cores: !adapter.is_gpu(),
             })
         })
 }

@@ -82,6 +82,7 @@ pub struct Trainer {
     background_adam: LazyAdam,
     grids: Arc<FieldGrids>,
     device_name: String,
+    device_shares_cores: bool,
     /// m^P as it is now.
     map: Arc<ProbabilityMap>,
     /// Sparse points in the box, whatever they are of.
@@ -371,6 +372,11 @@ impl Trainer {
             &self.context.background_gradient,
             table,
         );
+        if self.device_shares_cores {
+            // Whoever is further ahead has a core ask whether there is room in CubeCL's queue, which the device then lacks.
+            // What has failed is missed when it is read.
+            let _ = self.context.device.sync();
+        }
         self.clock.lap(Phase::Tables);
     }
 

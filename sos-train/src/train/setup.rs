@@ -164,6 +164,7 @@ impl Trainer {
             outlook: Outlook::new(chosen.is_cpu),
             ahead: Ahead::new(chosen.is_cpu),
             device_name: chosen.name,
+            device_shares_cores: chosen.shares_cores,
             map: Arc::new(scene.map.clone()),
             sparse_points: scene.points.clone(),
             votes: SurfaceVotes::new(scene.map.resolution()),
