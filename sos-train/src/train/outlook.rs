@@ -1,7 +1,7 @@
 //! What a training step knows of fields that are learnt elsewhere.
 //!
 //! Which samples light reaches is asked on the CPU, also while a GPU trains: of a copy of both fields that
-//! is some steps old. The next batch is gathered while the GPU works on this one, and no step waits for it:
+//! is some steps old. The next batch is gathered while the GPU works on this one, and no step waits for what it is asked:
 //! copy and losses are sent for every so many steps and taken when the next ones are, by which time they are long
 //! there. Occupancy, which follows the same copy, changes no faster.
 
