@@ -115,7 +115,7 @@ fn run(options: &Options) -> Result<()> {
     let chosen = choose(&options.device)?;
     let say = |what: &str| eprintln!("measuring {what} …");
     #[cfg(feature = "gpu")]
-    if !chosen.is_cpu {
+    if chosen.kind != sos_train::device::DeviceKind::Processor {
         anyhow::ensure!(
             !options.against_torch,
             "--against-torch compares steps on the CPU; leave out --device, or --against-torch"

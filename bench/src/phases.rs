@@ -107,6 +107,7 @@ impl Marks {
             ("votes", Phase::Vote),
             ("network optimiser", Phase::Networks),
             ("table optimiser", Phase::Tables),
+            ("waiting for the device", Phase::Wait),
         ] {
             let time = phase(of);
             known += time;

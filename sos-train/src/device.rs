@@ -14,10 +14,19 @@ pub struct ChosenDevice {
     pub name: String,
     /// Bytes that a kernel can bind as one buffer; `None` where memory is the limit.
     pub largest_binding: Option<u64>,
-    /// Whether it is the CPU by kernels of its own, not a GPU or what poses as one.
-    pub is_cpu: bool,
-    /// Whether it poses as a GPU and works on the processor's cores: a software renderer.
-    pub shares_cores: bool,
+    /// What it computes with.
+    pub kind: DeviceKind,
+}
+
+/// What a device computes with, and how it is spoken to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DeviceKind {
+    /// The processor, by kernels of its own.
+    Processor,
+    /// The processor posing as a GPU: a software renderer, which takes its time from the host's cores.
+    Renderer,
+    /// A processor of its own.
+    Gpu,
 }
 
 /// What every build but one with CUDA alone has besides.
@@ -98,7 +107,7 @@ pub fn choose(name: &str) -> Result<ChosenDevice, PrepareError> {
 /// # Errors
 /// When what comes back is not what the processor computes.
 pub(crate) fn verify(chosen: &ChosenDevice, name: &str) -> Result<(), PrepareError> {
-    if chosen.is_cpu {
+    if chosen.kind == DeviceKind::Processor {
         return Ok(());
     }
     let (found, expected) = (
@@ -169,8 +178,7 @@ fn cpu(backend: &str, device: Device) -> ChosenDevice {
         device,
         name: format!("{backend} on {threads}"),
         largest_binding: None,
-        is_cpu: true,
-        shares_cores: false,
+        kind: DeviceKind::Processor,
     }
 }
 
@@ -193,8 +201,7 @@ fn cuda() -> Option<ChosenDevice> {
         name: format!("{} (CUDA)", name_of(&device)),
         device,
         largest_binding: None,
-        is_cpu: false,
-        shares_cores: false,
+        kind: DeviceKind::Gpu,
     })
 }
 
@@ -242,8 +249,11 @@ fn gpu(software: Software) -> Option<ChosenDevice> {
                 device: adapter.device()?,
                 name: format!("{} ({}, {})", adapter.name, adapter.kind, adapter.api),
                 largest_binding: Some(adapter.largest_binding),
-                is_cpu: false,
-                shares_cores: !adapter.is_gpu(),
+                kind: if adapter.is_gpu() {
+                    DeviceKind::Gpu
+                } else {
+                    DeviceKind::Renderer
+                },
             })
         })
 }
@@ -279,7 +289,7 @@ mod tests {
         let mut cpu = choose("cpu").unwrap();
         verify(&cpu, "cpu").unwrap();
         // As if it were a GPU: asked, it gives the known values.
-        cpu.is_cpu = false;
+        cpu.kind = DeviceKind::Gpu;
         verify(&cpu, "cpu").unwrap();
     }
 

@@ -21,11 +21,13 @@ pub enum Phase {
     Networks,
     /// Optimisers of the hash tables.
     Tables,
+    /// A software renderer works off what it was given, on the cores that are the host's too.
+    Wait,
 }
 
 impl Phase {
     /// All of them, in the order of a step.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Grids,
         Self::Draw,
         Self::Gather,
@@ -34,6 +36,7 @@ impl Phase {
         Self::Backward,
         Self::Networks,
         Self::Tables,
+        Self::Wait,
     ];
 }
 

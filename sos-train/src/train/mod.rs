@@ -41,6 +41,7 @@ use scene_decomp::probability::ProbabilityMap;
 use scene_decomp::{Scene, Sharpness, SurfaceVotes};
 
 use crate::config::{Fields, ProbabilitySource, TrainConfig};
+use crate::device::DeviceKind;
 use crate::prepare::Prepared;
 use crate::prepare::mask_faults::MaskFaults;
 use adam::NetworkOptimiser;
@@ -82,7 +83,7 @@ pub struct Trainer {
     background_adam: LazyAdam,
     grids: Arc<FieldGrids>,
     device_name: String,
-    device_shares_cores: bool,
+    device_kind: DeviceKind,
     /// m^P as it is now.
     map: Arc<ProbabilityMap>,
     /// Sparse points in the box, whatever they are of.
@@ -372,12 +373,13 @@ impl Trainer {
             &self.context.background_gradient,
             table,
         );
-        if self.device_shares_cores {
+        self.clock.lap(Phase::Tables);
+        if self.device_kind == DeviceKind::Renderer {
             // Whoever is further ahead has a core ask whether there is room in CubeCL's queue, which the device then lacks.
             // What has failed is missed when it is read.
             let _ = self.context.device.sync();
+            self.clock.lap(Phase::Wait);
         }
-        self.clock.lap(Phase::Tables);
     }
 
     /// Moves the number of rays towards the sample budget (a tenth of the way each step); those that `samples` stand

@@ -16,7 +16,7 @@ use super::sampler::Sampler;
 use super::step::StepContext;
 use super::{Trainer, gradient_sinks};
 use crate::config::{Fields, Interpolation, TrainConfig, Transparency};
-use crate::device::{ChosenDevice, choose, verify};
+use crate::device::{ChosenDevice, DeviceKind, choose, verify};
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask_faults::MaskFaults;
@@ -126,6 +126,7 @@ impl Trainer {
     pub fn new(config: &TrainConfig, scene: &Prepared) -> Result<Self, PrepareError> {
         let chosen = choose(&config.device)?;
         verify(&chosen, &config.device)?;
+        let is_cpu = chosen.kind == DeviceKind::Processor;
         let device = chosen.device.clone().autodiff();
         let sizes = scene_config(config, scene);
         let object_layout = Arc::new(GridLayout::new(&sizes.object_grid));
@@ -161,10 +162,10 @@ impl Trainer {
             optimiser: NetworkOptimiser::new(),
             sharpness_optimiser: NetworkOptimiser::new(),
             grids: Arc::new(grids),
-            outlook: Outlook::new(chosen.is_cpu),
-            ahead: Ahead::new(chosen.is_cpu),
+            outlook: Outlook::new(is_cpu),
+            ahead: Ahead::new(is_cpu),
             device_name: chosen.name,
-            device_shares_cores: chosen.shares_cores,
+            device_kind: chosen.kind,
             map: Arc::new(scene.map.clone()),
             sparse_points: scene.points.clone(),
             votes: SurfaceVotes::new(scene.map.resolution()),

@@ -1,7 +1,7 @@
 //! Which device is taken, and what it refuses.
 
 use hashgrid::GridLayout;
-use sos_train::device::choose;
+use sos_train::device::{DeviceKind, choose};
 use sos_train::train::Trainer;
 use sos_train::train::setup::scene_config;
 
@@ -26,11 +26,16 @@ fn auto_takes_hardware_or_the_cpu_and_never_a_software_renderer() {
         return;
     };
     let chosen = choose("auto").unwrap();
-    assert_eq!(chosen.is_cpu, !has_hardware(), "{}", chosen.name);
+    let expected = if has_hardware() {
+        DeviceKind::Gpu
+    } else {
+        DeviceKind::Processor
+    };
+    assert_eq!(chosen.kind, expected, "{}", chosen.name);
     assert!(!chosen.name.contains("software renderer"));
     // By its name it can be had.
     let named = choose(found.option).unwrap();
-    assert!(!named.is_cpu, "{}", named.name);
+    assert_ne!(named.kind, DeviceKind::Processor, "{}", named.name);
     assert!(has_hardware() || named.name.contains("software renderer"));
 }
 
