@@ -24,6 +24,7 @@ pub mod parts;
 pub mod plane;
 pub mod region;
 mod spread;
+mod standing;
 mod sweep;
 
 use std::sync::atomic::AtomicBool;

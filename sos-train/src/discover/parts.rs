@@ -5,6 +5,7 @@ use scene_decomp::probability::ProbabilityMap;
 
 use super::cores::{components, cores};
 use super::plane::Plane;
+use super::standing::things;
 
 /// How much less a voxel counts with its distance from the middle: the deviation of a Gaussian.
 const CENTRAL: f32 = 0.45;
@@ -177,7 +178,17 @@ impl Parts {
             .zip(solid)
             .map(|(massive, d)| *massive && *d > 0.999 * unseen);
         let seen: Vec<bool> = seen.collect();
-        let (labels, count) = components(&seen, resolution);
+        let side = 0.5 * resolution as f32;
+        let (labels, count) = match ground {
+            Some(plane) => {
+                let height = |cell| {
+                    let height = plane.height(ProbabilityMap::centre(resolution, cell));
+                    side * (height - plane.thickness)
+                };
+                things(&seen, height, resolution)
+            }
+            None => components(&seen, resolution),
+        };
         Self::of_labels(resolution, massive, labels, count)
     }
 
