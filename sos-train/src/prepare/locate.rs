@@ -18,6 +18,8 @@ const SEARCH_RESOLUTION: usize = 64;
 const SEARCH_RADII: f64 = 3.5;
 /// Share of a mask's pixels that its far ends are beyond of; the rest may be specks.
 const FAR_END: f64 = 0.98;
+/// What masks agree on in one place is a crumb below this share of what they agree on in the largest.
+const CRUMB: f32 = 0.03;
 
 /// The box, from masks. `points` are the model's sparse points, and may be none.
 ///
@@ -230,25 +232,58 @@ fn closest_to_rays(outlines: &[Outline]) -> Result<DVec3, PrepareError> {
     Ok(point)
 }
 
-/// Bounds, in `[-1, 1]`, of the largest connected set of voxels whose vote reaches `threshold`.
+/// A connected set of voxels: the sum of its votes, and its bounds, the upper ones included.
+#[derive(Clone, Copy, Debug)]
+struct Set {
+    mass: f32,
+    low: [usize; 3],
+    high: [usize; 3],
+}
+
+/// Bounds, in `[-1, 1]`, of the voxels whose vote reaches `threshold`: of all connected sets that are not crumbs beside the
+/// largest, for an object may come in several pieces.
 fn extent(votes: &[f32], threshold: f32) -> Option<(DVec3, DVec3)> {
     let n = SEARCH_RESOLUTION;
+    let sets = connected(votes, threshold);
+    let largest = sets.iter().map(|set| set.mass).fold(0.0, f32::max);
+    let pieces = sets.iter().filter(|set| set.mass > CRUMB * largest);
+    let (low, high) =
+        pieces
+            .map(|set| (set.low, set.high))
+            .reduce(|(low, high), (other_low, other_high)| {
+                let least = |axis: usize| low[axis].min(other_low[axis]);
+                let most = |axis: usize| high[axis].max(other_high[axis]);
+                (std::array::from_fn(least), std::array::from_fn(most))
+            })?;
+    let at = |i: usize| 2.0 * i as f64 / n as f64 - 1.0;
+    Some((
+        DVec3::from(low.map(at)),
+        DVec3::from(high.map(|i| at(i + 1))),
+    ))
+}
+
+/// The sets of voxels whose vote reaches `threshold` that hang together by their faces.
+fn connected(votes: &[f32], threshold: f32) -> Vec<Set> {
+    let n = SEARCH_RESOLUTION;
     let mut unvisited: Vec<bool> = votes.iter().map(|vote| *vote >= threshold).collect();
-    let mut best: (f32, [usize; 3], [usize; 3]) = (0.0, [0; 3], [0; 3]);
-    let mut stack = Vec::new();
+    let (mut sets, mut stack) = (Vec::new(), Vec::new());
     for seed in 0..votes.len() {
         if !unvisited[seed] {
             continue;
         }
         unvisited[seed] = false;
         stack.push(seed);
-        let (mut mass, mut low, mut high) = (0.0, [n; 3], [0; 3]);
+        let mut set = Set {
+            mass: 0.0,
+            low: [n; 3],
+            high: [0; 3],
+        };
         while let Some(i) = stack.pop() {
             let at = [i % n, i / n % n, i / (n * n)];
-            mass += votes[i];
+            set.mass += votes[i];
             for axis in 0..3 {
-                low[axis] = low[axis].min(at[axis]);
-                high[axis] = high[axis].max(at[axis]);
+                set.low[axis] = set.low[axis].min(at[axis]);
+                set.high[axis] = set.high[axis].max(at[axis]);
                 let stride = n.pow(axis as u32);
                 let neighbours = [
                     (at[axis] > 0).then(|| i - stride),
@@ -262,18 +297,9 @@ fn extent(votes: &[f32], threshold: f32) -> Option<(DVec3, DVec3)> {
                 }
             }
         }
-        if mass > best.0 {
-            best = (mass, low, high);
-        }
+        sets.push(set);
     }
-    if best.0 <= 0.0 {
-        return None;
-    }
-    let at = |i: usize| 2.0 * i as f64 / n as f64 - 1.0;
-    Some((
-        DVec3::from(best.1.map(at)),
-        DVec3::from(best.2.map(|i| at(i + 1))),
-    ))
+    sets
 }
 
 #[cfg(test)]
@@ -334,19 +360,40 @@ mod tests {
         assert!(error.contains("--masks"), "{error}");
     }
 
-    /// The same with the mask of a ball.
-    fn with_ball(view: TrainView, centre: DVec3, radius: f64) -> TrainView {
+    /// The same with the mask of balls: centres and radii.
+    fn with_balls(view: TrainView, balls: &[(DVec3, f64)]) -> TrainView {
         let world_from_camera = view.camera_from_world.inverse();
-        let to_ball = centre - world_from_camera.translation;
         let shows_ball = |x: u32, y: u32| {
             let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
             let ray = view.lens.0.unproject(pixel).unwrap();
             let ray = world_from_camera.transform_vector(ray).normalize();
-            to_ball.dot(ray) > 0.0 && to_ball.reject_from(ray).length() < radius
+            balls.iter().any(|(centre, radius)| {
+                let to_ball = *centre - world_from_camera.translation;
+                to_ball.dot(ray) > 0.0 && to_ball.reject_from(ray).length() < *radius
+            })
         };
         let mask = |x, y| image::Luma([255 * u8::from(shows_ball(x, y))]);
         let mask = image::GrayImage::from_fn(64, 48, mask);
         view.with_mask(&mask).unwrap()
+    }
+
+    #[test]
+    fn an_object_of_two_pieces_is_whole_in_the_box() {
+        let pieces = [(DVec3::ZERO, 0.5), (DVec3::new(0.0, 0.0, 0.9), 0.25)];
+        let views: Vec<TrainView> = (0..10)
+            .map(|i| {
+                let angle = f64::from(i) * 0.63;
+                let from = DVec3::new(angle.cos(), angle.sin(), 0.3) * 5.0;
+                with_balls(view(from, -from), &pieces)
+            })
+            .collect();
+        let config = crate::config::TrainConfig::default().prepare;
+        let frame = box_from_masks(&views, &[], &config).unwrap();
+        for (centre, radius) in pieces {
+            let off = (frame.centre - centre).abs().max_element();
+            assert!(off + radius < frame.half_side, "{frame:?}");
+        }
+        assert!(frame.half_side < 1.3, "{frame:?}");
     }
 
     #[test]
@@ -361,7 +408,7 @@ mod tests {
                     0.2 * f64::from(i / 5) - 0.3,
                     0.0,
                 );
-                with_ball(view(tilt * at, tilt * DVec3::Z), tilt * ball, radius)
+                with_balls(view(tilt * at, tilt * DVec3::Z), &[(tilt * ball, radius)])
             })
             .collect();
         let config = crate::config::TrainConfig::default().prepare;
