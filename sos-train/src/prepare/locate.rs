@@ -281,13 +281,13 @@ fn connected(votes: &[f32], threshold: f32) -> Vec<Set> {
         while let Some(i) = stack.pop() {
             let at = [i % n, i / n % n, i / (n * n)];
             set.mass += votes[i];
-            for axis in 0..3 {
-                set.low[axis] = set.low[axis].min(at[axis]);
-                set.high[axis] = set.high[axis].max(at[axis]);
+            for (axis, place) in at.into_iter().enumerate() {
+                set.low[axis] = set.low[axis].min(place);
+                set.high[axis] = set.high[axis].max(place);
                 let stride = n.pow(axis as u32);
                 let neighbours = [
-                    (at[axis] > 0).then(|| i - stride),
-                    (at[axis] + 1 < n).then(|| i + stride),
+                    (place > 0).then(|| i - stride),
+                    (place + 1 < n).then(|| i + stride),
                 ];
                 for j in neighbours.into_iter().flatten() {
                     if unvisited[j] {
