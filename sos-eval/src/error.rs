@@ -1,6 +1,6 @@
 //! What can be wrong with the input, each in one sentence that names the file and the remedy.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why an evaluation could not be done.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -62,7 +62,7 @@ pub enum EvalError {
         truth_size: (usize, usize),
     },
     /// Two files that could both belong to one view.
-    #[error("{} and {} could both belong to view {view:?}: rename or remove one of them", .first.display(), .second.display())]
+    #[error("{} and {} could both belong to view {view:?}: {}", .first.display(), .second.display(), one_of(.first, .second))]
     Ambiguous {
         /// Name of the view.
         view: String,
@@ -117,5 +117,17 @@ impl From<draft_folder::DraftError> for EvalError {
             path: error.path,
             reason: error.source.to_string(),
         }
+    }
+}
+
+/// What to do with two files of which one is meant.
+fn one_of(first: &Path, second: &Path) -> String {
+    match (first.parent(), second.parent()) {
+        (Some(a), Some(b)) if a != b => format!(
+            "name the folder that is meant, {} or {}",
+            a.display(),
+            b.display()
+        ),
+        _ => "rename or remove one of them".to_owned(),
     }
 }

@@ -126,6 +126,22 @@ fn a_prefix_tells_two_cameras_apart() {
     );
 }
 
+/// A run's folder holds pictures of several kinds.
+#[test]
+fn a_folder_of_mattes_and_plates_is_told_to_name_one() {
+    let root = tempfile::tempdir().unwrap();
+    let (run, truth) = (root.path().join("run"), root.path().join("truth"));
+    for folder in [&truth, &run.join("alpha"), &run.join("background")] {
+        save(&disc(40, 20.0, 20.0, 5.0), &folder.join("1.png"));
+    }
+    let error = compare_folders(&run, &truth, None).unwrap_err().to_string();
+    let meant = format!(
+        "name the folder that is meant, {}",
+        run.join("alpha").display()
+    );
+    assert!(error.contains(&meant), "{error}");
+}
+
 /// Photos of several cameras lie in a folder each, and so do a run's mattes.
 #[test]
 fn pictures_in_folders_are_found() {
