@@ -97,11 +97,11 @@ impl MaskConsensus {
     pub fn note(&self, views: &[TrainView]) -> Option<String> {
         let doubted: Vec<&str> = self.doubted(views).collect();
         (!doubted.is_empty()).then(|| {
-            format!(
-                "{} masks contradict the others and are set aside: {}",
-                doubted.len(),
-                doubted.join(", ")
-            )
+            let says = match doubted.len() {
+                1 => "1 mask contradicts the others and is".to_owned(),
+                n => format!("{n} masks contradict the others and are"),
+            };
+            format!("{says} set aside: {}", doubted.join(", "))
         })
     }
 
