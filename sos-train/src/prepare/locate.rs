@@ -240,13 +240,16 @@ struct Set {
     high: [usize; 3],
 }
 
-/// Bounds, in `[-1, 1]`, of the voxels whose vote reaches `threshold`: of all connected sets that are not crumbs beside the
-/// largest, for an object may come in several pieces.
+/// Bounds, in `[-1, 1]`, of the voxels whose vote reaches `threshold`: of the largest connected
+/// set, and of all that end within and are not crumbs beside it, for an object may come in several pieces.
 fn extent(votes: &[f32], threshold: f32) -> Option<(DVec3, DVec3)> {
     let n = SEARCH_RESOLUTION;
     let sets = connected(votes, threshold);
     let largest = sets.iter().map(|set| set.mass).fold(0.0, f32::max);
-    let pieces = sets.iter().filter(|set| set.mass > CRUMB * largest);
+    // What few masks agree on by chance, far out, goes on beyond the cube.
+    let ends = |set: &Set| set.low.iter().all(|at| *at > 0) && set.high.iter().all(|at| at + 1 < n);
+    let is_piece = |set: &&Set| set.mass >= largest || set.mass > CRUMB * largest && ends(set);
+    let pieces = sets.iter().filter(is_piece);
     let (low, high) =
         pieces
             .map(|set| (set.low, set.high))
