@@ -24,7 +24,7 @@ const CRUMB: f32 = 0.002;
 /// Parts this close to the chosen one's bounds belong to it, in the normalised frame.
 const REACH: f32 = 0.04;
 /// Voxels of the smallest part worth a thought.
-const LEAST_VOXELS: usize = 40;
+pub(super) const LEAST_VOXELS: usize = 40;
 
 /// Connected sets of seen solid voxels.
 #[derive(Debug)]
