@@ -70,4 +70,5 @@ pub mod results;
 pub mod run_folder;
 mod snap;
 pub mod train;
+mod voxels;
 mod words;

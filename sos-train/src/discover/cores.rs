@@ -7,31 +7,7 @@
 
 use std::collections::VecDeque;
 
-use super::parts::neighbours;
-
-/// Connected sets of voxels `inside`, by faces, edges or corners: the number of each voxel's set, from 1 on, and how many
-/// there are. 0 is none.
-pub(super) fn components(inside: &[bool], resolution: usize) -> (Vec<u32>, u32) {
-    let mut labels = vec![0; inside.len()];
-    let (mut count, mut stack) = (0, Vec::new());
-    for seed in 0..inside.len() {
-        if !inside[seed] || labels[seed] != 0 {
-            continue;
-        }
-        count += 1;
-        labels[seed] = count;
-        stack.push(seed);
-        while let Some(cell) = stack.pop() {
-            for next in neighbours(cell, resolution) {
-                if inside[next] && labels[next] == 0 {
-                    labels[next] = count;
-                    stack.push(next);
-                }
-            }
-        }
-    }
-    (labels, count)
-}
+use crate::voxels::{components, neighbours};
 
 /// For each voxel that is `of_part`, the number of the core it belongs to, from 1 on, and how many cores there are; 0 for
 /// other voxels, and where no core is reached. `solid` is what may be massive: all parts, and what nobody saw
@@ -46,7 +22,7 @@ pub(super) fn cores(
     for _ in 0..layers {
         massive = eroded(&massive, resolution);
     }
-    let (mut labels, count) = components(&massive, resolution);
+    let (mut labels, count) = components(&massive, |cell| neighbours(cell, resolution));
     // Outwards from all cores at once.
     let mut queue: VecDeque<usize> = (0..labels.len())
         .filter(|&cell| labels[cell] != 0)
@@ -111,7 +87,7 @@ mod tests {
         let (left, right) = ([[2, 9], [2, 9], [2, 9]], [[15, 22], [2, 9], [2, 9]]);
         let (streak, handle) = ([[9, 15], [4, 6], [4, 6]], [[4, 6], [9, 15], [4, 6]]);
         let solid = boxes(&[left, right, streak, handle]);
-        assert_eq!(components(&solid, N).1, 1);
+        assert_eq!(components(&solid, |cell| neighbours(cell, N)).1, 1);
         let (labels, count) = cores(&solid, |cell| solid[cell], N, 2);
         assert_eq!(count, 2);
         let (a, b) = (labels[at(5, 5, 5)], labels[at(18, 5, 5)]);

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::normal::normal;
-use super::parts::neighbours;
+use crate::voxels::neighbours;
 
 /// How badly creases conduct.
 const CREASE: f32 = 4.0;

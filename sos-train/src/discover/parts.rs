@@ -3,9 +3,10 @@
 use glam::Vec3;
 use scene_decomp::probability::ProbabilityMap;
 
-use super::cores::{components, cores};
+use super::cores::cores;
 use super::plane::Plane;
 use super::standing::things;
+use crate::voxels::{components, neighbours};
 
 /// How much less a voxel counts with its distance from the middle: the deviation of a Gaussian.
 const CENTRAL: f32 = 0.45;
@@ -187,7 +188,7 @@ impl Parts {
                 };
                 things(&seen, height, resolution)
             }
-            None => components(&seen, resolution),
+            None => components(&seen, |cell| neighbours(cell, resolution)),
         };
         Self::of_labels(resolution, massive, labels, count)
     }
@@ -312,17 +313,6 @@ impl Parts {
             (label != 0).then(|| wanted[label as usize])
         })
     }
-}
-
-/// The up to 26 voxels around one.
-pub(super) fn neighbours(cell: usize, n: usize) -> impl Iterator<Item = usize> {
-    let at = [cell % n, cell / n % n, cell / (n * n)].map(|v| v as i64);
-    (0..27i64).filter(|k| *k != 13).filter_map(move |k| {
-        let to = [at[0] + k % 3 - 1, at[1] + k / 3 % 3 - 1, at[2] + k / 9 - 1];
-        to.iter()
-            .all(|v| (0..n as i64).contains(v))
-            .then(|| ((to[2] * n as i64 + to[1]) * n as i64 + to[0]) as usize)
-    })
 }
 
 #[cfg(test)]

@@ -6,7 +6,6 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::cores::components;
 use super::judge::{Judge, Saying};
 use super::likelihood::Colours;
 use super::masks;
@@ -15,6 +14,7 @@ use super::parts::{PartSet, voxel};
 use crate::prepare::Prepared;
 use crate::prepare::mask::Mask;
 use crate::train::carve::depth::DepthPicture;
+use crate::voxels::{components, neighbours};
 
 /// How a voxel holds to what masked views say of it, to how often its colour is the object's, and to not being the
 /// object where a mask has no white in front of it, all over how it holds to a neighbour of its colour.
@@ -75,7 +75,7 @@ fn borne_out(places: &[usize], cells: &[Cell], labels: &[f32], resolution: usize
     for (place, label) in places.iter().zip(labels) {
         inside[*place] = *label > 0.5;
     }
-    let (sets, count) = components(&inside, resolution);
+    let (sets, count) = components(&inside, |cell| neighbours(cell, resolution));
     let mut shown = vec![0.0; count as usize + 1];
     for (place, cell) in places.iter().zip(cells) {
         shown[sets[*place] as usize] += cell.inside;

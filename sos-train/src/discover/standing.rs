@@ -7,7 +7,8 @@
 
 use std::collections::BTreeMap;
 
-use super::parts::{LEAST_VOXELS, neighbours};
+use super::parts::LEAST_VOXELS;
+use crate::voxels::neighbours;
 
 /// How high a pass is, of the lower hill's height, from which on both hills are one thing.
 const HIGH_PASS: f32 = 0.7;

@@ -8,6 +8,7 @@ use super::view::TrainView;
 use super::votes::{Electorate, ViewTrust, vote_grid};
 use crate::config::PrepareConfig;
 use crate::median::median;
+use crate::voxels::{components, faces};
 use glam::{DMat3, DVec2, DVec3};
 use io_colmap::SparsePoint;
 use scene_decomp::probability::ProbabilityMap;
@@ -268,39 +269,22 @@ fn extent(votes: &[f32], threshold: f32) -> Option<(DVec3, DVec3)> {
 /// The sets of voxels whose vote reaches `threshold` that hang together by their faces.
 fn connected(votes: &[f32], threshold: f32) -> Vec<Set> {
     let n = SEARCH_RESOLUTION;
-    let mut unvisited: Vec<bool> = votes.iter().map(|vote| *vote >= threshold).collect();
-    let (mut sets, mut stack) = (Vec::new(), Vec::new());
-    for seed in 0..votes.len() {
-        if !unvisited[seed] {
-            continue;
+    let reaches: Vec<bool> = votes.iter().map(|vote| *vote >= threshold).collect();
+    let (labels, count) = components(&reaches, |cell| faces(cell, n));
+    let nothing = Set {
+        mass: 0.0,
+        low: [n; 3],
+        high: [0; 3],
+    };
+    let mut sets = vec![nothing; count as usize];
+    for (cell, label) in labels.iter().enumerate().filter(|(_, label)| **label != 0) {
+        let set = &mut sets[*label as usize - 1];
+        set.mass += votes[cell];
+        let at = [cell % n, cell / n % n, cell / (n * n)];
+        for (axis, place) in at.into_iter().enumerate() {
+            set.low[axis] = set.low[axis].min(place);
+            set.high[axis] = set.high[axis].max(place);
         }
-        unvisited[seed] = false;
-        stack.push(seed);
-        let mut set = Set {
-            mass: 0.0,
-            low: [n; 3],
-            high: [0; 3],
-        };
-        while let Some(i) = stack.pop() {
-            let at = [i % n, i / n % n, i / (n * n)];
-            set.mass += votes[i];
-            for (axis, place) in at.into_iter().enumerate() {
-                set.low[axis] = set.low[axis].min(place);
-                set.high[axis] = set.high[axis].max(place);
-                let stride = n.pow(axis as u32);
-                let neighbours = [
-                    (place > 0).then(|| i - stride),
-                    (place + 1 < n).then(|| i + stride),
-                ];
-                for j in neighbours.into_iter().flatten() {
-                    if unvisited[j] {
-                        unvisited[j] = false;
-                        stack.push(j);
-                    }
-                }
-            }
-        }
-        sets.push(set);
     }
     sets
 }

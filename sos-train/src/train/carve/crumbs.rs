@@ -1,34 +1,13 @@
 //! Small parts of a set of voxels.
 
+use crate::voxels::{components, faces};
+
 /// Removes connected parts (sharing faces) with fewer voxels than `share` of the largest one.
 pub fn keep_large_parts(inside: &mut [bool], n: usize, share: f32) {
-    let mut part = vec![0u32; inside.len()];
-    let mut sizes = vec![0usize];
-    let mut stack = Vec::new();
-    for seed in 0..inside.len() {
-        if !inside[seed] || part[seed] != 0 {
-            continue;
-        }
-        let number = sizes.len() as u32;
-        sizes.push(0);
-        part[seed] = number;
-        stack.push(seed);
-        while let Some(i) = stack.pop() {
-            sizes[number as usize] += 1;
-            for (axis, stride) in [1, n, n * n].into_iter().enumerate() {
-                let at = i / n.pow(axis as u32) % n;
-                let neighbours = [
-                    (at > 0).then(|| i - stride),
-                    (at + 1 < n).then(|| i + stride),
-                ];
-                for j in neighbours.into_iter().flatten() {
-                    if inside[j] && part[j] == 0 {
-                        part[j] = number;
-                        stack.push(j);
-                    }
-                }
-            }
-        }
+    let (part, count) = components(inside, |cell| faces(cell, n));
+    let mut sizes = vec![0usize; count as usize + 1];
+    for part in part.iter().filter(|part| **part != 0) {
+        sizes[*part as usize] += 1;
     }
     let largest = sizes.iter().copied().max().unwrap_or(0) as f32;
     for (inside, part) in inside.iter_mut().zip(part) {
