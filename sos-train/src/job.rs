@@ -41,7 +41,7 @@ pub struct TrainJob {
     pub masks: Option<MaskSet>,
     /// Where photos are not to be learned from: people who walk by, a watermark.
     pub ignored: Option<MaskSet>,
-    /// Where the object is, for a run whose masks are fewer than two.
+    /// Where the object is, for a run that looks for it: without masks, or with few.
     pub hint: Hint,
     /// Where everything goes.
     pub run: RunFolder,
