@@ -13,7 +13,7 @@ pub(crate) const TARGET_PLACE: (DVec3, f64) = (DVec3::new(0.0, -0.01, 0.0), 24.0
 pub(crate) fn furniture(kind: SceneKind) -> Vec<(Furniture, DVec3, f64, DVec3)> {
     let v = DVec3::new;
     let top = match kind {
-        SceneKind::Can | SceneKind::OneSide => Top::Wood,
+        SceneKind::Can | SceneKind::OneSide | SceneKind::Apart => Top::Wood,
         SceneKind::Thin => Top::Rug,
         SceneKind::Plain => Top::Plain,
     };

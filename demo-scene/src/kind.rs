@@ -17,4 +17,6 @@ pub enum SceneKind {
     Thin,
     /// The can in its table's colour before plain walls: hardly anything to match.
     Plain,
+    /// A spray bottle with a neck as clear as glass, among things: its head hangs in the air.
+    Apart,
 }

@@ -37,13 +37,14 @@
 //! |---|---|
 //! | `config`, `scene`, `write`, `error` | what to make, the result, the folder it becomes |
 //! | `kind` | which scene: the demo, or one that is hard in a way of its own |
-//! | `subject`, `watering_can`, `chair`, `clutter`, `room` | shapes and paint of the things |
+//! | `subject`, `watering_can`, `chair`, `bottle`, `clutter`, `room` | shapes and paint of the things |
 //! | `prop`, `arrangement`, `stage` | a thing at its place, which places, what a ray meets |
 //! | `primitives`, `noise`, `paint` | distances, lattice noise and random numbers, colours |
 //! | `orbit`, `camera`, `lighting`, `film`, `render` | from stage to pictures |
 //! | `target`, `sparse`, `coarse`, `mask`, `colmap_text` | mesh, points, flawed masks, the text model |
 
 mod arrangement;
+mod bottle;
 mod camera;
 mod chair;
 mod clutter;

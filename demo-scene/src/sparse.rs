@@ -34,7 +34,9 @@ pub struct SparsePoint {
 /// Shares of the points: target, clutter, table top, everything else.
 fn shares(kind: SceneKind) -> [f64; 4] {
     match kind {
-        SceneKind::Can | SceneKind::OneSide | SceneKind::Thin => [0.32, 0.28, 0.20, 0.20],
+        SceneKind::Can | SceneKind::OneSide | SceneKind::Thin | SceneKind::Apart => {
+            [0.32, 0.28, 0.20, 0.20]
+        }
         // Structure from motion finds next to nothing where nothing has texture.
         SceneKind::Plain => [0.03, 0.0, 0.01, 0.96],
     }

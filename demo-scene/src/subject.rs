@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use crate::bottle;
 use crate::chair;
 use crate::kind::SceneKind;
 use crate::paint::{Material, mottle, rgb};
@@ -14,6 +15,7 @@ pub(crate) enum Subject {
     /// The can in the colour of its table.
     PlainCan,
     Chair,
+    Bottle,
 }
 
 impl Subject {
@@ -22,6 +24,7 @@ impl Subject {
             SceneKind::Can | SceneKind::OneSide => Self::Can,
             SceneKind::Plain => Self::PlainCan,
             SceneKind::Thin => Self::Chair,
+            SceneKind::Apart => Self::Bottle,
         }
     }
 
@@ -33,6 +36,7 @@ impl Subject {
         match self {
             Self::Can | Self::PlainCan => watering_can::sdf(p),
             Self::Chair => chair::sdf(p),
+            Self::Bottle => bottle::sdf(p),
         }
     }
 
@@ -41,6 +45,7 @@ impl Subject {
         match self {
             Self::Can | Self::PlainCan => watering_can::filled_sdf(p),
             Self::Chair => chair::sdf(p),
+            Self::Bottle => bottle::sdf(p),
         }
     }
 
@@ -50,6 +55,7 @@ impl Subject {
             Self::Can => watering_can::material(p),
             Self::PlainCan => Material::glossy(mottle(rgb(0xc4b69c), p, 0.02, 0.05, 71), 0.15),
             Self::Chair => chair::material(p),
+            Self::Bottle => bottle::material(p),
         }
     }
 }

@@ -44,6 +44,7 @@ fn every_kind_has_a_target_that_its_masks_half_find() {
         SceneKind::OneSide,
         SceneKind::Thin,
         SceneKind::Plain,
+        SceneKind::Apart,
     ];
     let scenes = kinds.map(|kind| {
         generate(&DemoConfig {
