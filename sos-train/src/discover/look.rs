@@ -93,7 +93,7 @@ impl Look {
             humps::flatten(&mut solid, RESOLUTION, ground, &eyes);
         }
         hint.clip(&mut solid, RESOLUTION, &data.frame);
-        let parts = Parts::new(&solid, RESOLUTION, ground.as_ref());
+        let parts = Parts::new(&solid, RESOLUTION, ground.as_ref(), upwards(&data));
         let chosen = hint.choose(&parts, &data, &depths, &solid)?;
         Ok(Some(Self {
             data,
@@ -154,6 +154,17 @@ impl Look {
         again as f32 > SAME * found.len() as f32
             && self.chosen.border_share() < other.chosen.border_share()
     }
+}
+
+/// The mean of the cameras' upward directions, in the normalised frame.
+fn upwards(data: &Prepared) -> Vec3 {
+    let up = |view: &TrainView| -> Vec3 {
+        let world_from_camera = view.world_from_camera(&data.frame);
+        world_from_camera
+            .transform_vector3(Vec3::NEG_Y)
+            .normalize_or_zero()
+    };
+    data.views.iter().map(up).sum::<Vec3>() / data.views.len().max(1) as f32
 }
 
 /// The region of interest, in which everything may be the object.

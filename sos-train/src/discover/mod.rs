@@ -12,6 +12,7 @@
 //! The whole of it is open point 5 of the method, which leaves the choice of the surface to the reader.
 
 mod cores;
+mod hanging;
 pub mod hint;
 mod humps;
 mod judge;

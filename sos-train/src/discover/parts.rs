@@ -1,9 +1,12 @@
 //! The parts that are left of a scene when its support is taken away.
 
+use std::collections::BTreeSet;
+
 use glam::Vec3;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::cores::cores;
+use super::hanging::holders;
 use super::plane::Plane;
 use super::standing::things;
 use crate::voxels::{components, neighbours};
@@ -24,6 +27,10 @@ const SIDE_SHARE: f32 = 0.1;
 const CRUMB: f32 = 0.002;
 /// Parts this close to the chosen one's bounds belong to it, in the normalised frame.
 const REACH: f32 = 0.04;
+/// What hangs in the air belongs to what holds it from this share of its voxels on: less may be haze.
+const HELD: f32 = 0.02;
+/// A ground whose normal agrees with the cameras' upward direction more than this is no wall; cameras look down on floors.
+const LEVEL: f32 = 0.3;
 /// Voxels of the smallest part worth a thought.
 pub(super) const LEAST_VOXELS: usize = 40;
 
@@ -37,6 +44,8 @@ pub struct Parts {
     labels: Vec<u32>,
     /// By number, from 1 on.
     parts: Vec<Part>,
+    /// The ground, if things stand on it.
+    floor: Option<Plane>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -47,6 +56,8 @@ struct Part {
     central: f32,
     low: Vec3,
     high: Vec3,
+    /// The part that holds it; itself where it stands by itself.
+    holder: u32,
 }
 
 impl Part {
@@ -162,11 +173,20 @@ pub(super) fn voxel(point: Vec3, n: usize) -> Option<usize> {
     Some((z * n + y) * n + x)
 }
 
+/// How high a voxel is above the ground, in voxels.
+fn height_above(ground: &Plane, resolution: usize) -> impl Fn(usize) -> f32 {
+    let side = 0.5 * resolution as f32;
+    move |cell| {
+        let height = ground.height(ProbabilityMap::centre(resolution, cell));
+        side * (height - ground.thickness)
+    }
+}
+
 impl Parts {
     /// Of the fused distances `solid` `[resolution^3]`, what lies above the `ground`: only where some
-    /// view saw the surface close by, for what nobody saw is solid too.
+    /// view saw the surface close by, for what nobody saw is solid too. `up` is the cameras' mean upward direction.
     #[must_use]
-    pub fn new(solid: &[f32], resolution: usize, ground: Option<&Plane>) -> Self {
+    pub fn new(solid: &[f32], resolution: usize, ground: Option<&Plane>, up: Vec3) -> Self {
         let unseen = solid.iter().copied().fold(0.0, f32::min);
         let above = |cell: usize| {
             let p = ProbabilityMap::centre(resolution, cell);
@@ -179,27 +199,31 @@ impl Parts {
             .zip(solid)
             .map(|(massive, d)| *massive && *d > 0.999 * unseen);
         let seen: Vec<bool> = seen.collect();
-        let side = 0.5 * resolution as f32;
         let (labels, count) = match ground {
-            Some(plane) => {
-                let height = |cell| {
-                    let height = plane.height(ProbabilityMap::centre(resolution, cell));
-                    side * (height - plane.thickness)
-                };
-                things(&seen, height, resolution)
-            }
+            Some(plane) => things(&seen, height_above(plane, resolution), resolution),
             None => components(&seen, |cell| neighbours(cell, resolution)),
         };
-        Self::of_labels(resolution, massive, labels, count)
+        let floor = ground.filter(|plane| plane.normal.dot(up) > LEVEL);
+        Self::of_labels(resolution, massive, labels, count, floor.copied())
     }
 
-    fn of_labels(resolution: usize, solid: Vec<bool>, labels: Vec<u32>, count: u32) -> Self {
+    fn of_labels(
+        resolution: usize,
+        solid: Vec<bool>,
+        labels: Vec<u32>,
+        count: u32,
+        floor: Option<Plane>,
+    ) -> Self {
         let nothing = Part {
             low: Vec3::INFINITY,
             high: Vec3::NEG_INFINITY,
             ..Part::default()
         };
-        let mut parts = vec![nothing; count as usize + 1];
+        let alone = |holder| Part {
+            holder,
+            ..nothing.clone()
+        };
+        let mut parts: Vec<Part> = (0..=count).map(alone).collect();
         for (cell, &label) in labels.iter().enumerate().filter(|(_, label)| **label != 0) {
             let p = ProbabilityMap::centre(resolution, cell);
             let part = &mut parts[label as usize];
@@ -209,11 +233,24 @@ impl Parts {
             part.low = part.low.min(p);
             part.high = part.high.max(p);
         }
+        if let Some(plane) = &floor {
+            // A crumb of a stem holds nothing, nor does what goes on beyond the region: a wall, a shelf.
+            let may_hold = |label: u32| {
+                let part = &parts[label as usize];
+                part.voxels >= LEAST_VOXELS && !part.is_cut()
+            };
+            let height = height_above(plane, resolution);
+            let holders = holders(&labels, count, may_hold, height, resolution);
+            for (part, holder) in parts.iter_mut().zip(holders) {
+                part.holder = holder;
+            }
+        }
         Self {
             resolution,
             solid,
             labels,
             parts,
+            floor,
         }
     }
 
@@ -236,6 +273,7 @@ impl Parts {
             self.solid.clone(),
             labels.collect(),
             first + count,
+            self.floor,
         )
     }
 
@@ -285,21 +323,35 @@ impl Parts {
         best.map(|(_, label)| self.with_neighbours(&[label as usize]))
     }
 
-    /// The chosen parts and smaller ones close by: thin things come apart.
+    /// The chosen parts with what holds them or is held by the same, and smaller ones close by: thin things come apart.
     fn with_neighbours(&self, chosen: &[usize]) -> PartSet {
-        let main = chosen.iter().map(|&i| &self.parts[i]);
-        let voxels: usize = main.clone().map(|part| part.voxels).sum();
-        let low = main.clone().fold(Vec3::INFINITY, |low, p| low.min(p.low)) - REACH;
-        let high = main.fold(Vec3::NEG_INFINITY, |high, p| high.max(p.high)) + REACH;
-        let all: Vec<usize> = (1..self.parts.len())
-            .filter(|&i| {
-                let part = &self.parts[i];
-                let within = part.low.cmpge(low).all() && part.high.cmple(high).all();
-                chosen.contains(&i)
-                    || (within && !part.is_cut() && part.voxels as f32 > CRUMB * voxels as f32)
-            })
-            .collect();
+        let whole = self.with_held(chosen);
+        let voxels: usize = whole.iter().map(|&i| self.parts[i].voxels).sum();
+        let is_beside = |part: &Part, main: &Part| {
+            let (low, high) = (main.low - REACH, main.high + REACH);
+            part.low.cmpge(low).all() && part.high.cmple(high).all()
+        };
+        let belongs = |&i: &usize| {
+            let part = &self.parts[i];
+            let near = || whole.iter().any(|&main| is_beside(part, &self.parts[main]));
+            let is_small_piece = !part.is_cut() && part.voxels as f32 > CRUMB * voxels as f32;
+            whole.contains(&i) || (is_small_piece && near())
+        };
+        let all: Vec<usize> = (1..self.parts.len()).filter(belongs).collect();
         self.set(&all)
+    }
+
+    /// The chosen parts, what holds them, and what that holds besides.
+    fn with_held(&self, chosen: &[usize]) -> Vec<usize> {
+        let holders = chosen.iter().map(|&i| self.parts[i].holder);
+        let holders: BTreeSet<u32> = holders.collect();
+        let belongs = |&i: &usize| {
+            let part = &self.parts[i];
+            let holder = &self.parts[part.holder as usize];
+            let counts = !part.is_cut() && part.voxels as f32 > HELD * holder.voxels as f32;
+            chosen.contains(&i) || (counts && holders.contains(&part.holder))
+        };
+        (1..self.parts.len()).filter(belongs).collect()
     }
 
     /// The voxels of some parts and those next to them that belong to no other.
@@ -341,7 +393,7 @@ mod tests {
     fn the_central_part_is_chosen_and_others_on_request() {
         let (near, far) = (Vec3::new(0.1, 0.0, 0.0), Vec3::new(0.6, 0.6, 0.1));
         let solid = shells(&[(near, 0.3), (far, 0.25)]);
-        let parts = Parts::new(&solid, N, None);
+        let parts = Parts::new(&solid, N, None, Vec3::Z);
         assert_eq!(parts.count(), 2);
         let on = |centre: Vec3, radius: f32| centre + Vec3::X * (radius - 0.03);
         let central = parts.most_central().unwrap();
@@ -361,16 +413,39 @@ mod tests {
             thickness: 0.03,
         };
         let table = shells(&[(Vec3::new(0.0, 0.0, -9.2), 9.0), (Vec3::ZERO, 0.3)]);
-        assert_eq!(Parts::new(&table, N, None).count(), 1);
-        let parts = Parts::new(&table, N, Some(&plane));
+        assert_eq!(Parts::new(&table, N, None, Vec3::Z).count(), 1);
+        let parts = Parts::new(&table, N, Some(&plane), Vec3::Z);
         let found = parts.most_central().unwrap();
         assert!(found.contains(Vec3::new(0.0, 0.0, 0.27)));
         assert!(!found.contains(Vec3::new(0.7, 0.0, -0.22)));
     }
 
     #[test]
+    fn what_hangs_above_a_part_belongs_to_it() {
+        let plane = Plane {
+            normal: Vec3::Z,
+            offset: -0.6,
+            thickness: 0.03,
+        };
+        let (body, head) = (Vec3::new(0.0, 0.0, -0.35), Vec3::new(0.25, 0.0, 0.2));
+        let solid = shells(&[(body, 0.3), (head, 0.2)]);
+        let both = |set: &PartSet| {
+            set.contains(body + Vec3::Z * 0.27) && set.contains(head + Vec3::Z * 0.17)
+        };
+        let parts = Parts::new(&solid, N, Some(&plane), Vec3::Z);
+        assert!(both(&parts.most_central().unwrap()));
+        assert!(both(&parts.at(head + Vec3::Z * 0.17).unwrap()));
+        // Above nothing, and before a wall, it is another thing.
+        for (ground, up) in [(None, Vec3::Z), (Some(&plane), Vec3::Y)] {
+            let parts = Parts::new(&solid, N, ground, up);
+            assert!(!both(&parts.most_central().unwrap()));
+        }
+    }
+
+    #[test]
     fn what_goes_on_beyond_the_region_is_told_with_the_side() {
-        let found = |centre: Vec3| Parts::new(&shells(&[(centre, 0.5)]), N, None).most_central();
+        let found =
+            |centre: Vec3| Parts::new(&shells(&[(centre, 0.5)]), N, None, Vec3::Z).most_central();
         assert_eq!(found(Vec3::ZERO).unwrap().goes_on(), None);
         let cut = found(Vec3::new(0.8, -0.1, -0.7)).unwrap();
         assert_eq!(cut.goes_on(), Some(Vec3::new(1.0, 0.0, -1.0)));
@@ -379,11 +454,11 @@ mod tests {
 
     #[test]
     fn a_tip_that_goes_on_beyond_the_region_is_told_from_more_of_it() {
-        let tip = Parts::new(&shells(&[(Vec3::X * 0.49, 0.5)]), N, None).most_central();
+        let tip = Parts::new(&shells(&[(Vec3::X * 0.49, 0.5)]), N, None, Vec3::Z).most_central();
         let tip = tip.unwrap();
         assert_eq!(tip.goes_on(), None);
         assert_eq!(tip.reaches_on(), Some(Vec3::X));
-        let within = Parts::new(&shells(&[(Vec3::X * 0.4, 0.5)]), N, None).most_central();
+        let within = Parts::new(&shells(&[(Vec3::X * 0.4, 0.5)]), N, None, Vec3::Z).most_central();
         assert_eq!(within.unwrap().reaches_on(), None);
     }
 
@@ -399,7 +474,7 @@ mod tests {
                 *distance = distance.min(p.y.hypot(p.z) - 0.06);
             }
         }
-        let parts = Parts::new(&solid, N, None);
+        let parts = Parts::new(&solid, N, None, Vec3::Z);
         assert_eq!(parts.count(), 1);
         let both = parts.most_central().unwrap();
         assert!(both.contains(on_central) && both.goes_on().is_some());
@@ -414,7 +489,7 @@ mod tests {
 
     #[test]
     fn nothing_is_found_in_nothing() {
-        let parts = Parts::new(&vec![1.0; N.pow(3)], N, None);
+        let parts = Parts::new(&vec![1.0; N.pow(3)], N, None, Vec3::Z);
         assert!(parts.most_central().is_none() && parts.all_large().is_none());
     }
 }
