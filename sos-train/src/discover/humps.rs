@@ -12,6 +12,8 @@ use super::plane::Plane;
 use crate::prepare::{Frame, TrainView};
 use crate::train::carve::depth::DepthPicture;
 
+/// Views that are asked for a bare place's colour: of hundreds every few do.
+const MOST_WITNESSES: usize = 64;
 /// Heights above the ground up to which a column may be a hump, in the normalised frame.
 const LOW: f32 = 0.2;
 /// Voxels by which a point may lie before or behind what a view shows at its pixel, to be what it shows.
@@ -143,10 +145,14 @@ impl<'a> Columns<'a> {
                     return Vec::new();
                 }
                 let hidden_by = 2.0 * self.ground.thickness;
-                eyes.looking_at(foot)
-                    .filter(|(_, before)| *before > -hidden_by)
+                let sees = |(_, before): &(Witness, f32)| *before > -hidden_by;
+                let seen: Vec<Witness> = eyes
+                    .looking_at(foot)
+                    .filter(sees)
                     .map(|(witness, _)| witness)
-                    .collect()
+                    .collect();
+                let each = seen.len().div_ceil(MOST_WITNESSES).max(1);
+                seen.into_iter().step_by(each).collect()
             })
             .collect()
     }

@@ -136,6 +136,8 @@ const SILENT: u8 = 6;
 /// farther inside, so that these pixels vote in full.
 const THIN_OBJECT: u8 = 7;
 const THIN_GAP: u8 = 8;
+/// Added to the label of a candidate while labels are found.
+const CANDIDATE: u8 = 128;
 
 /// The largest m^P on each pixel's ray, 8 bit, at a `1 / stride` of the photo's size.
 #[must_use]
@@ -173,13 +175,16 @@ pub fn candidates(
 ) -> PixelSpans {
     const STRIDE: u32 = 2;
     let silhouette = silhouette(view, frame, map, STRIDE);
-    let mut candidates = PixelSpans::default();
-    for i in 0..view.width() * view.height() {
-        let (x, y) = (i % view.width(), i / view.width());
+    let may_show = |i: u32| {
         let at = |v: u32| (v as f32 + 0.5) / STRIDE as f32;
-        if bilinear(&silhouette, at(x), at(y)) >= config.hull_threshold {
-            candidates.push(i);
-        }
+        let (x, y) = (at(i % view.width()), at(i / view.width()));
+        bilinear(&silhouette, x, y) >= config.hull_threshold
+    };
+    let pixels = (0..view.width() * view.height()).into_par_iter();
+    let marked: Vec<bool> = pixels.map(may_show).collect();
+    let mut candidates = PixelSpans::default();
+    for (i, _) in (0..).zip(&marked).filter(|(_, marked)| **marked) {
+        candidates.push(i);
     }
     candidates
 }
@@ -249,51 +254,47 @@ pub fn outline(
     let mask = view.mask.as_ref().filter(|_| trust >= 0.5);
     let edge = mask.map(|mask| near_edge(mask, band));
     let thin = mask.map(|mask| middles(mask, band)).unwrap_or_default();
-    let mut labels = vec![0u8; (width * height) as usize];
+    let label = |x: u32, y: u32| {
+        let i = (y * width + x) as usize;
+        let hull = bilinear(
+            silhouette,
+            (x as f32 + 0.5) / stride as f32,
+            (y as f32 + 0.5) / stride as f32,
+        );
+        if view.ignores(x, y) {
+            return SILENT;
+        }
+        if hull < config.hull_threshold {
+            return Label::Background as u8;
+        }
+        let likely = hull >= config.object_threshold;
+        let label = match mask {
+            Some(_) if edge.as_ref().is_some_and(|edge| edge[i]) => Label::Unknown,
+            Some(mask) => match (mask.contains(x, y), likely) {
+                (true, true) => Label::Object,
+                (true, false) => Label::DoubtfulObject,
+                (false, true) => Label::DoubtfulBackground,
+                (false, false) => Label::Background,
+            },
+            None if hull >= config.crop_threshold => Label::DoubtfulObject,
+            None => Label::Unknown,
+        };
+        let own = mask.is_some_and(|mask| mask.contains(x, y));
+        let byte = match label {
+            Label::Unknown if thin.get(i) == Some(&true) && own => THIN_OBJECT,
+            Label::Unknown if thin.get(i) == Some(&true) => THIN_GAP,
+            Label::Unknown if own => UNKNOWN_OBJECT,
+            label => label as u8,
+        };
+        byte | CANDIDATE
+    };
+    let pixels = (0..width * height).into_par_iter();
+    let mut labels: Vec<u8> = pixels.map(|i| label(i % width, i / width)).collect();
     let mut candidates = PixelSpans::default();
-    for y in 0..height {
-        for x in 0..width {
-            let i = (y * width + x) as usize;
-            let hull = bilinear(
-                silhouette,
-                (x as f32 + 0.5) / stride as f32,
-                (y as f32 + 0.5) / stride as f32,
-            );
-            if view.ignores(x, y) {
-                labels[i] = SILENT;
-                continue;
-            }
-            if hull >= config.hull_threshold {
-                candidates.push(i as u32);
-            }
-            let likely = hull >= config.object_threshold;
-            let label = if hull < config.hull_threshold {
-                Label::Background
-            } else {
-                match mask {
-                    Some(_) if edge.as_ref().is_some_and(|edge| edge[i]) => Label::Unknown,
-                    Some(mask) => match (mask.contains(x, y), likely) {
-                        (true, true) => Label::Object,
-                        (true, false) => Label::DoubtfulObject,
-                        (false, true) => Label::DoubtfulBackground,
-                        (false, false) => Label::Background,
-                    },
-                    None if hull >= config.crop_threshold => Label::DoubtfulObject,
-                    None => Label::Unknown,
-                }
-            };
-            let own = mask.is_some_and(|mask| mask.contains(x, y));
-            labels[i] = match label {
-                Label::Unknown if thin.get(i) == Some(&true) => {
-                    if own {
-                        THIN_OBJECT
-                    } else {
-                        THIN_GAP
-                    }
-                }
-                Label::Unknown if own => UNKNOWN_OBJECT,
-                label => label as u8,
-            };
+    for (i, label) in (0..).zip(&mut labels) {
+        if *label & CANDIDATE != 0 {
+            candidates.push(i);
+            *label &= !CANDIDATE;
         }
     }
     Outline {

@@ -6,6 +6,9 @@ use neus_render::rays::Ray;
 use crate::prepare::{Frame, Prepared, TrainView, outline};
 use crate::render::rays::FrozenScene;
 
+/// Points of all rasters together: 256 MiB of distances, however many photos there are and however small the object is in them.
+const MOST_POINTS: f32 = 67_108_864.0;
+
 /// Distances along the rays of one view, on a raster `stride` pixels apart.
 #[derive(Clone, Debug)]
 pub struct DepthPicture {
@@ -41,7 +44,13 @@ impl DepthPicture {
 #[must_use]
 pub fn depth_pictures(scene: &FrozenScene, data: &Prepared, rays: usize) -> Vec<DepthPicture> {
     let pixels: usize = data.outlines.iter().map(|o| o.candidates.len()).sum();
-    let stride = (pixels as f32 / rays as f32).sqrt().ceil().max(1.0) as u32;
+    let all: usize = data
+        .views
+        .iter()
+        .map(|view| view.width() as usize * view.height() as usize)
+        .sum();
+    let least = (pixels as f32 / rays as f32).max(all as f32 / MOST_POINTS);
+    let stride = least.sqrt().ceil().max(1.0) as u32;
     let limit = (255.0 * scene.config.prepare.hull_threshold * 0.5) as u8;
     data.views
         .iter()
