@@ -13,6 +13,7 @@
 //! * [`Search`] lists files in folders, and says what it had to leave out.
 //! * [`MaskSet`] finds masks under the names that different tools give them, and works out
 //!   whether white or black means the object.
+//! * [`write_png`] writes pictures, and says so where the disk is full.
 //!
 //! Decisions a user should see are left as sentences in `notes`; printing is the caller's part.
 //!
@@ -60,10 +61,14 @@ mod distortion;
 mod error;
 mod jet;
 mod listing;
+mod mask_kind;
 mod mask_names;
+mod mask_pixels;
 mod masks;
 mod model;
 mod photo;
+mod photo_likeness;
+mod png_file;
 mod polarity;
 mod pose;
 mod scene;
@@ -73,9 +78,11 @@ pub use camera::Camera;
 pub use camera_model::CameraModel;
 pub use error::{ColmapError, Place, picture_error, remedy};
 pub use listing::{Listing, Search};
-pub use masks::{GreyImage, MaskFiles, MaskSet, read_mask};
+pub use mask_pixels::read_mask;
+pub use masks::{GreyImage, MaskFiles, MaskSet};
 pub use model::{Model, Observation, SparsePoint, View, read_observations};
-pub use photo::{PICTURE_ENDINGS, PhotoHeader, is_picture, read_photo};
+pub use photo::{PICTURE_ENDINGS, PhotoHeader, decode_photo, is_picture, read_photo};
+pub use png_file::write_png;
 pub use polarity::{POLARITY_FILE, Polarity};
 pub use pose::Pose;
 pub use scene::Scene;

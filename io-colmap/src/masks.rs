@@ -2,11 +2,15 @@
 
 use crate::error::{ColmapError, remedy};
 use crate::listing::Search;
+use crate::mask_kind::MaskKind;
 use crate::mask_names::{Whole, match_masks};
+use crate::mask_pixels::{MaskPixels, Reading, decode};
+use crate::model::View;
 use crate::photo::PICTURE_ENDINGS;
+use crate::photo_likeness::is_like_photo;
 use crate::polarity::{Polarity, Share, decide};
 use crate::scene::{Scene, same_shape};
-use image::{DynamicImage, GrayImage};
+use image::GrayImage;
 use rayon::prelude::*;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -35,16 +39,19 @@ pub struct MaskSet {
     pub missing: Vec<String>,
     /// Decisions taken, one sentence each, for the user to see. The first is the summary.
     pub notes: Vec<String>,
-    /// Files hold the labels 0 and 1 instead of black and white.
-    labels: bool,
+    reading: Reading,
+    kind: MaskKind,
 }
 
 /// What one look at a mask file tells.
 struct Look {
     size: (u32, u32),
-    brightest: u8,
-    /// As found, and with the labels 0 and 1 stretched to black and white.
-    share: [Share; 2],
+    /// The largest number in it, and whether it is one of 16 bits.
+    largest: u16,
+    is_wide: bool,
+    is_like_photo: bool,
+    /// For each of [`Reading::ALL`].
+    shares: [Share; 3],
 }
 
 impl MaskSet {
@@ -57,7 +64,7 @@ impl MaskSet {
     ///
     /// # Errors
     /// [`ColmapError::Mask`] where nothing matches, a mask cannot be read or has another shape
-    /// than its photo, or no mask shows an object.
+    /// than its photo, most of them look like photos, or no mask shows an object.
     pub fn find(
         dir: &Path,
         scene: &Scene,
@@ -78,6 +85,27 @@ impl MaskSet {
         scene: &Scene,
         polarity: Option<Polarity>,
     ) -> Result<MaskSet, ColmapError> {
+        Self::look_into(place, files, scene, polarity, MaskKind::Masks)
+    }
+
+    /// Finds the pictures in `dir` that say what is to be ignored in the scene's photos, whatever is not black. There
+    /// may be nothing in any of them. Names are tried as those of masks.
+    ///
+    /// # Errors
+    /// [`ColmapError::Mask`] where nothing matches, a picture cannot be read or has another shape than its photo, or
+    /// most of them look like photos.
+    pub fn find_ignored(dir: &Path, scene: &Scene) -> Result<MaskSet, ColmapError> {
+        let files = MaskFiles::find_kind(dir, scene, MaskKind::Ignored)?;
+        Self::look_into(dir, files, scene, None, MaskKind::Ignored)
+    }
+
+    fn look_into(
+        place: &Path,
+        files: MaskFiles,
+        scene: &Scene,
+        polarity: Option<Polarity>,
+        kind: MaskKind,
+    ) -> Result<MaskSet, ColmapError> {
         let MaskFiles {
             paths,
             how,
@@ -95,68 +123,40 @@ impl MaskSet {
         let looks: Vec<Look> = paths
             .par_iter()
             .zip(views)
-            .filter_map(|(path, view)| {
-                let path = path.as_ref()?;
-                let photo_size = scene
-                    .model
-                    .cameras
-                    .get(&view.camera_id)
-                    .map(|c| (c.width, c.height));
-                Some(look(path, &scene.image_path(view), photo_size))
-            })
+            .filter_map(|(path, view)| Some(look(path.as_ref()?, scene, view, kind)))
             .collect::<Result<_, _>>()?;
-        // JPEG is left out: its noise turns black into ones here and there.
-        let labels = paths
-            .iter()
-            .flatten()
-            .all(|p| p.extension().is_some_and(is_png))
-            && looks.iter().all(|look| look.brightest <= 1)
-            && looks.iter().any(|look| look.brightest == 1);
+        refuse_photos(place, &paths, &looks, kind)?;
+        let reading = reading_of(&paths, &looks);
         let shares: Vec<Share> = looks
             .iter()
-            .map(|look| look.share[usize::from(labels)])
+            .map(|look| look.shares[reading as usize])
             .collect();
-        if shares.iter().all(Share::is_plain) {
-            let colour = if shares.iter().all(|s| s.all < 0.5) {
-                "all black"
-            } else if shares.iter().all(|s| s.all > 0.5) {
-                "all white"
-            } else {
-                "of a single colour each"
-            };
-            return Err(ColmapError::mask(
-                place,
-                format!(
-                    "the {} masks found are {colour}, so none shows an object",
-                    shares.len()
-                ),
-                "check how they were exported, or run without masks",
-            ));
-        }
-
-        if !labels
-            && let Some(brightest) = looks.iter().map(|look| look.brightest).max()
-            && brightest < WHITE
-        {
-            return Err(ColmapError::mask(
-                place,
-                format!(
-                    "no pixel of the {} masks is brighter than {brightest} of 255, so none is white",
-                    looks.len()
-                ),
-                "say which label is the object with --label, if they hold labels; else save them in black and white",
-            ));
-        }
-
-        let (detected, reasons) = decide(&shares);
-        let polarity = match polarity {
-            Some(stated) => stated,
-            None => Polarity::stated_in(place)?.unwrap_or(detected),
+        let (polarity, meaning) = match kind {
+            MaskKind::Ignored => (
+                Polarity::WhiteIsObject,
+                "what is not black is ignored".to_owned(),
+            ),
+            MaskKind::Masks => {
+                refuse_without_object(place, &looks, &shares, reading)?;
+                let (detected, reasons) = decide(&shares);
+                let polarity = match polarity {
+                    Some(stated) => stated,
+                    None => Polarity::stated_in(place)?.unwrap_or(detected),
+                };
+                if polarity == detected {
+                    (polarity, reasons)
+                } else {
+                    let though =
+                        format!("{polarity} as stated, though the masks look like {reasons}");
+                    (polarity, though)
+                }
+            }
         };
         let mut summary = format!(
-            "{} of {} photos have a mask ({}), {} have none",
+            "{} of {} photos have {} ({}), {} have none",
             looks.len(),
             photos.len(),
+            kind.any(),
             how,
             missing.len()
         );
@@ -169,15 +169,13 @@ impl MaskSet {
             };
             summary.push_str(&format!(" ({}{more})", some.join(", ")));
         }
-        let mut notes = vec![summary];
-        notes.push(if polarity == detected {
-            reasons
-        } else {
-            format!("{polarity} as stated, though the masks look like {reasons}")
-        });
+        let mut notes = vec![summary, meaning];
         notes.extend(about_files);
-        if labels {
-            notes.push("masks hold the labels 0 and 1, read as black and white".to_owned());
+        if reading == Reading::Labels {
+            notes.push(format!(
+                "{} hold the labels 0 and 1, read as black and white",
+                kind.many()
+            ));
         }
         let resized = looks
             .iter()
@@ -193,7 +191,8 @@ impl MaskSet {
             .count();
         if resized > 0 {
             notes.push(format!(
-                "{resized} masks have another size than their photo and are resized"
+                "{resized} {} have another size than their photo and are resized",
+                kind.many()
             ));
         }
         Ok(MaskSet {
@@ -201,7 +200,8 @@ impl MaskSet {
             polarity,
             missing,
             notes,
-            labels,
+            reading,
+            kind,
         })
     }
 }
@@ -232,6 +232,11 @@ impl MaskFiles {
     /// # Errors
     /// [`ColmapError::Mask`] where nothing matches.
     pub fn find(dir: &Path, scene: &Scene) -> Result<MaskFiles, ColmapError> {
+        Self::find_kind(dir, scene, MaskKind::Masks)
+    }
+
+    fn find_kind(dir: &Path, scene: &Scene, kind: MaskKind) -> Result<MaskFiles, ColmapError> {
+        let (one, many) = (kind.one(), kind.many());
         let views = &scene.model.views;
         let photos: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
         let list = |dir: &Path| {
@@ -253,7 +258,7 @@ impl MaskFiles {
             all_photos.retain(|file| !images.join(file).starts_with(&dir));
         }
         if files.is_empty() {
-            let what = "the folder holds no masks (PNG, JPEG, WebP or TIFF files)";
+            let what = format!("the folder holds no {many} (PNG, JPEG, WebP or TIFF files)");
             return Err(match listing.closed.first() {
                 Some((closed, error)) => ColmapError::mask(
                     dir,
@@ -263,10 +268,10 @@ impl MaskFiles {
                     ),
                     remedy(error),
                 ),
-                None => ColmapError::mask(dir, what, "give the folder the masks lie in"),
+                None => ColmapError::mask(dir, what, format!("give the folder the {many} lie in")),
             });
         }
-        let about_masks = listing.notes("masks");
+        let about_masks = listing.notes(many);
         let about_photos = photo_listing.notes("photos");
         let whole = Whole {
             all_photos: about_photos.is_empty(),
@@ -274,13 +279,13 @@ impl MaskFiles {
         };
         let Some(matches) = match_masks(&photos, &all_photos, &files, whole) else {
             let mut what = format!(
-                "none of the {} masks (such as {:?}) can be matched to one of the {} photos (such as {:?})",
+                "none of the {} {many} (such as {:?}) can be matched to one of the {} photos (such as {:?})",
                 files.len(),
                 files[0],
                 photos.len(),
                 photos.first().copied().unwrap_or_default()
             );
-            let mut remedy = "name each mask like its photo, with the ending .png".to_owned();
+            let mut remedy = format!("name each {one} like its photo, with the ending .png");
             if let Some(unknown) = about_masks.iter().chain(&about_photos).next() {
                 what.push_str(&format!(", and their order is not known: {unknown}"));
                 remedy = format!("make all of them readable, or {remedy}");
@@ -335,17 +340,17 @@ impl MaskSet {
         let Some(Some(path)) = self.paths.get(i) else {
             return Ok(None);
         };
-        let mut mask = read_mask(path)?;
+        let mut mask = MaskPixels::of(&decode(path, self.kind)?).into_grey(self.reading);
         let (w, h) = mask.dimensions();
         if (w, h) != (width, height) && !same_shape((w, h), (width, height)) {
             return Err(ColmapError::mask(
                 path,
-                format!("the mask is {w}x{h} but {width}x{height} is needed, another shape"),
-                remedy_of_shape((w, h), (width, height)),
+                format!(
+                    "the {} is {w}x{h} but {width}x{height} is needed, another shape",
+                    self.kind.one()
+                ),
+                self.kind.remedy_for_shape((w, h), (width, height)),
             ));
-        }
-        if self.labels {
-            stretch_labels(&mut mask);
         }
         if self.polarity == Polarity::BlackIsObject {
             mask.iter_mut().for_each(|value| *value = 255 - *value);
@@ -362,99 +367,119 @@ impl MaskSet {
     }
 }
 
-/// What to do about a mask of another shape than its photo.
-fn remedy_of_shape((width, height): (u32, u32), photo: (u32, u32)) -> &'static str {
-    if same_shape((height, width), photo) {
-        "turn the mask, which lies on its side beside its photo: one of the two was not turned as the photo's EXIF says"
-    } else {
-        "make the mask from the photo itself, without cropping"
-    }
-}
-
-fn look(path: &Path, photo: &Path, photo_size: Option<(u32, u32)>) -> Result<Look, ColmapError> {
-    let mut mask = read_mask(path)?;
-    let size = mask.dimensions();
-    if let Some((w, h)) = photo_size
-        && !same_shape(size, (w, h))
+fn look(path: &Path, scene: &Scene, view: &View, kind: MaskKind) -> Result<Look, ColmapError> {
+    let decoded = decode(path, kind)?;
+    let pixels = MaskPixels::of(&decoded);
+    let size = pixels.size();
+    let camera = scene.model.cameras.get(&view.camera_id);
+    if let Some(photo) = camera.map(|camera| (camera.width, camera.height))
+        && !same_shape(size, photo)
     {
         return Err(ColmapError::mask(
             path,
             format!(
-                "the mask is {}x{} but its photo {} is {w}x{h}, another shape",
+                "the {} is {}x{} but its photo {} is {}x{}, another shape",
+                kind.one(),
                 size.0,
                 size.1,
-                photo.display()
+                view.name,
+                photo.0,
+                photo.1
             ),
-            remedy_of_shape(size, (w, h)),
+            kind.remedy_for_shape(size, photo),
         ));
     }
-    let brightest = mask.iter().copied().max().unwrap_or(0);
-    let plain = Share::of(&mask);
-    stretch_labels(&mut mask);
     Ok(Look {
         size,
-        brightest,
-        share: [plain, Share::of(&mask)],
+        largest: pixels.largest(),
+        is_wide: pixels.is_wide(),
+        is_like_photo: !matches!(pixels, MaskPixels::Alpha(_)) && is_like_photo(&decoded),
+        shares: Reading::ALL.map(|reading| Share::of(size, |x, y| pixels.byte(x, y, reading))),
     })
+}
+
+/// One for all files: in some the object, or the highest label, is not seen.
+fn reading_of(paths: &[Option<PathBuf>], looks: &[Look]) -> Reading {
+    // JPEG is left out: its noise turns black into ones here and there.
+    let may_be_labels = paths
+        .iter()
+        .flatten()
+        .all(|p| p.extension().is_some_and(is_png));
+    let largest = looks.iter().map(|look| look.largest).max();
+    let wide = looks.iter().filter(|look| look.is_wide);
+    if may_be_labels && largest == Some(1) {
+        Reading::Labels
+    } else if wide.map(|look| look.largest).max() <= Some(255) {
+        Reading::Bytes
+    } else {
+        Reading::Full
+    }
+}
+
+/// They bear the right names too, where the wrong folder was named.
+fn refuse_photos(
+    place: &Path,
+    paths: &[Option<PathBuf>],
+    looks: &[Look],
+    kind: MaskKind,
+) -> Result<(), ColmapError> {
+    let looked_at = paths.iter().flatten().zip(looks);
+    let mut alike = looked_at.filter(|(_, look)| look.is_like_photo);
+    let count = alike.clone().count();
+    match alike.next() {
+        Some((first, _)) if 2 * count > looks.len() => Err(ColmapError::mask(
+            place,
+            format!(
+                "{count} of the {} {} are in many colours, such as {}, so they look like photos",
+                looks.len(),
+                kind.many(),
+                first.display()
+            ),
+            kind.remedy_for_photos(),
+        )),
+        _ => Ok(()),
+    }
+}
+
+fn refuse_without_object(
+    place: &Path,
+    looks: &[Look],
+    shares: &[Share],
+    reading: Reading,
+) -> Result<(), ColmapError> {
+    if shares.iter().all(Share::is_plain) {
+        let colour = if shares.iter().all(|s| s.all < 0.5) {
+            "all black"
+        } else if shares.iter().all(|s| s.all > 0.5) {
+            "all white"
+        } else {
+            "of a single colour each"
+        };
+        return Err(ColmapError::mask(
+            place,
+            format!(
+                "the {} masks found are {colour}, so none shows an object",
+                shares.len()
+            ),
+            "check how they were exported, or run without masks",
+        ));
+    }
+    let bytes = looks
+        .iter()
+        .map(|look| reading.byte(look.largest, look.is_wide));
+    match bytes.max() {
+        Some(brightest) if brightest < WHITE => Err(ColmapError::mask(
+            place,
+            format!(
+                "no pixel of the {} masks is brighter than {brightest} of 255, so none is white",
+                looks.len()
+            ),
+            "say which label is the object with --label, if they hold labels; else save them in black and white",
+        )),
+        _ => Ok(()),
+    }
 }
 
 fn is_png(ending: &std::ffi::OsStr) -> bool {
     ending.eq_ignore_ascii_case("png")
-}
-
-fn stretch_labels(mask: &mut GreyImage) {
-    mask.iter_mut()
-        .for_each(|value| *value = value.saturating_mul(255));
-}
-
-/// A mask file as it is, whatever its polarity: its alpha where that says something, else its brightness.
-///
-/// What was stored in 16 bits without rescaling, such as the labels 0 and 1, keeps its values.
-///
-/// # Errors
-/// [`ColmapError`] if the file cannot be read or decoded.
-pub fn read_mask(path: &Path) -> Result<GreyImage, ColmapError> {
-    let decoded = image::ImageReader::open(path)
-        .and_then(image::ImageReader::with_guessed_format)
-        .map_err(|e| ColmapError::io("read", path, e))?
-        .decode()
-        .map_err(|e| {
-            ColmapError::mask(
-                path,
-                format!("the mask cannot be decoded ({e})"),
-                "it must be a PNG, JPEG, WebP or TIFF file; export it again",
-            )
-        })?;
-    Ok(to_grey(&decoded))
-}
-
-fn to_grey(image: &DynamicImage) -> GreyImage {
-    if image.color().has_alpha() {
-        let alpha = image.to_rgba16();
-        let first = alpha.pixels().next().map(|p| p.0[3]);
-        if alpha.pixels().any(|p| Some(p.0[3]) != first) {
-            return GreyImage::from_fn(alpha.width(), alpha.height(), |x, y| {
-                image::Luma([eight_bits(alpha.get_pixel(x, y).0[3])])
-            });
-        }
-    }
-    if image.color().bytes_per_pixel() / image.color().channel_count() == 1 {
-        return image.to_luma8();
-    }
-    let wide = image.to_luma16();
-    // Some tools store 8-bit masks, or the labels 0 and 1, in 16 bits without rescaling. What is as dark throughout, but neither, is a
-    // matte with next to nothing in it.
-    let small = matches!(wide.iter().max(), None | Some(0 | 1 | 255));
-    GreyImage::from_fn(wide.width(), wide.height(), |x, y| {
-        let value = wide.get_pixel(x, y).0[0];
-        image::Luma([if small {
-            value as u8
-        } else {
-            eight_bits(value)
-        }])
-    })
-}
-
-fn eight_bits(value: u16) -> u8 {
-    ((u32::from(value) + 128) / 257) as u8
 }

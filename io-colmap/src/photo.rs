@@ -3,8 +3,11 @@
 use crate::error::ColmapError;
 use crate::scene::same_shape;
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 use std::path::Path;
+
+/// Pixels of no photo take more memory than this; a header that says so is damaged, or lies.
+const MOST_BYTES: u64 = 4 << 30;
 
 /// What a photo's header tells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,7 +70,7 @@ pub fn read_photo(path: &Path, camera: (u32, u32)) -> Result<DynamicImage, Colma
         orientation: orientation(&mut decoder),
         has_alpha: decoder.color_type().has_alpha(),
     };
-    let mut photo = DynamicImage::from_decoder(decoder).map_err(|e| unreadable(path, &e))?;
+    let mut photo = decode_photo(path, decoder)?;
     if header.is_turned_for(camera) {
         photo.apply_orientation(header.orientation);
     }
@@ -86,6 +89,24 @@ pub fn read_photo(path: &Path, camera: (u32, u32)) -> Result<DynamicImage, Colma
         }
         other => other,
     })
+}
+
+/// Decodes a photo's pixels, unless they would take more memory than any photo's.
+///
+/// # Errors
+/// [`ColmapError::Scene`] for those, and for files that are damaged.
+pub fn decode_photo(path: &Path, decoder: impl ImageDecoder) -> Result<DynamicImage, ColmapError> {
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(MOST_BYTES);
+    if limits.reserve(decoder.total_bytes()).is_err() {
+        let (width, height) = decoder.dimensions();
+        return Err(ColmapError::scene(
+            path,
+            format!("the file says that it is {width}x{height}, which is larger than any photo"),
+            "copy or convert it again, or take it away",
+        ));
+    }
+    DynamicImage::from_decoder(decoder).map_err(|e| unreadable(path, &e))
 }
 
 /// The content decides on the format, not the ending: phones name things as they like.

@@ -1,7 +1,6 @@
 //! Which colour of a mask means the object.
 
 use crate::error::ColmapError;
-use image::GrayImage;
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 use std::path::Path;
@@ -69,8 +68,8 @@ pub(crate) struct Share {
 const GRID: u32 = 256;
 
 impl Share {
-    pub(crate) fn of(mask: &GrayImage) -> Share {
-        let (w, h) = mask.dimensions();
+    /// Of a mask of that size, whose bytes by pixel are given.
+    pub(crate) fn of((w, h): (u32, u32), byte: impl Fn(u32, u32) -> u8) -> Share {
         let (nx, ny) = (w.clamp(1, GRID), h.clamp(1, GRID));
         let band = f64::from(nx.min(ny)) / 16.0;
         let mut sums = [(0.0, 0.0); 3];
@@ -86,7 +85,7 @@ impl Share {
                 // Samples at the centres of the grid's cells.
                 let x = ((f64::from(i) + 0.5) / f64::from(nx) * f64::from(w)) as u32;
                 let y = ((f64::from(j) + 0.5) / f64::from(ny) * f64::from(h)) as u32;
-                let white = f64::from(mask.get_pixel(x.min(w - 1), y.min(h - 1)).0[0]) / 255.0;
+                let white = f64::from(byte(x.min(w - 1), y.min(h - 1))) / 255.0;
                 let edge = f64::from(i.min(nx - 1 - i).min(j).min(ny - 1 - j));
                 let middle =
                     (nx / 4..nx - nx / 4).contains(&i) && (ny / 4..ny - ny / 4).contains(&j);

@@ -4,7 +4,7 @@ use crate::error::CaptureError;
 use crate::photos::{Photo, PhotoSet};
 use image::metadata::Orientation;
 use image::{DynamicImage, GrayImage, Luma};
-use io_colmap::{MaskFiles, Model, Pose, Scene, View, read_mask};
+use io_colmap::{MaskFiles, Model, Pose, Scene, View, read_mask, write_png};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -44,8 +44,7 @@ pub(crate) fn write(
                 std::fs::create_dir_all(folder)
                     .map_err(|e| CaptureError::io("create", folder, e))?;
             }
-            mask.save(&to)
-                .map_err(|e| CaptureError::io("write", &to, io_colmap::picture_error(e)))?;
+            write_png(&mask, &to)?;
             Ok(usize::from(mask.iter().all(|value| *value == 0)))
         })
         .sum::<Result<usize, CaptureError>>()?;
@@ -289,6 +288,21 @@ mod tests {
             said.contains(
                 "m: the 2 masks found are all black, so they leave nothing to look at; check how"
             ),
+            "{said}"
+        );
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_mask_that_a_full_disk_does_not_take_is_an_error() {
+        let (_dir, [photos, masks, out]) = folders(&["a.png", "b.png", "c.png"]);
+        let white = GrayImage::from_pixel(16, 8, Luma([255]));
+        white.save(masks.join("a.png")).unwrap();
+        std::os::unix::fs::symlink("/dev/full", out.join("a.png.png")).unwrap();
+        let set = PhotoSet::find(&photos).unwrap();
+        let said = write(&masks, &set, &out).unwrap_err().to_string();
+        assert!(
+            said.contains("out/a.png.png: ") && said.ends_with("; free some space"),
             "{said}"
         );
     }

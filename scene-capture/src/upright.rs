@@ -8,6 +8,7 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageEncoder, ImageFormat, ImageReader};
+use io_colmap::{decode_photo, picture_error};
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
@@ -40,7 +41,7 @@ pub(crate) fn write(photo: &Path, to: &Path) -> Result<bool, CaptureError> {
         .as_mut()
         .and_then(|chunk| Orientation::remove_from_exif_chunk(chunk))
         .unwrap_or(Orientation::NoTransforms);
-    let mut picture = DynamicImage::from_decoder(decoder).map_err(unreadable)?;
+    let mut picture = decode_photo(photo, decoder)?;
     picture.apply_orientation(orientation);
 
     let file = File::create(to).map_err(|e| CaptureError::io("create", to, e))?;
@@ -56,7 +57,7 @@ pub(crate) fn write(photo: &Path, to: &Path) -> Result<bool, CaptureError> {
         encode(PngEncoder::new(&mut out), &picture, exif, profile)
     };
     written
-        .map_err(io_colmap::picture_error)
+        .map_err(picture_error)
         .and_then(|()| out.flush())
         .map_err(|e| CaptureError::io("write", to, e))?;
     Ok(true)

@@ -9,6 +9,9 @@ use serde_json::Value;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 
+/// Photos are scaled down for reconstruction, but not by more than this; drawing takes memory by the stated size.
+const LARGEST_SCALE: u64 = 8;
+
 #[derive(Debug, Deserialize)]
 struct File {
     images: Vec<Picture>,
@@ -41,10 +44,18 @@ struct Category {
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "the segmentation of an annotation must be polygons ([[x, y, ...], ...]) or run lengths (size and counts)"
+)]
 enum Segmentation {
     Polygons(Vec<Vec<f64>>),
-    Runs { size: [u32; 2], counts: Counts },
+    /// A single one without the list around it, as some tools write it.
+    Polygon(Vec<f64>),
+    Runs {
+        size: [u32; 2],
+        counts: Counts,
+    },
 }
 
 #[derive(Debug, Deserialize)]
@@ -87,7 +98,7 @@ pub(crate) fn draw(
         match &annotation.segmentation {
             Some(Segmentation::Polygons(parts)) if parts.is_empty() => boxes_only += 1,
             Some(segmentation) => outlines
-                .entry(annotation.image_id.to_string())
+                .entry(id_of(&annotation.image_id))
                 .or_default()
                 .push(segmentation),
             None => boxes_only += 1,
@@ -106,14 +117,14 @@ pub(crate) fn draw(
         let picture = match find(&pictures, photo.name) {
             // Whose picture it is, only its folders could say.
             Some((picture, key)) if key != full_name(photo.name) && shared.contains(&key) => {
-                if outlines.contains_key(&picture.id.to_string()) {
+                if outlines.contains_key(&id_of(&picture.id)) {
                     unknown.push((photo.name, &picture.file_name));
                 }
                 None
             }
             found => found.map(|(picture, _)| picture),
         };
-        let parts = picture.and_then(|picture| outlines.get(&picture.id.to_string()));
+        let parts = picture.and_then(|picture| outlines.get(&id_of(&picture.id)));
         masks.push(match (picture, parts) {
             (Some(picture), Some(parts)) => {
                 Some(draw_one(picture, parts, photo.size).map_err(|what| {
@@ -151,6 +162,18 @@ pub(crate) fn draw(
         ));
     }
     Ok(Drawn { masks, notes })
+}
+
+/// Ids that are the same are the same text: 1.0, which tables make of it, is the number 1.
+fn id_of(id: &Value) -> String {
+    /// Up to here, all whole numbers are told apart.
+    const EXACT: f64 = (1_u64 << 53) as f64;
+    match id.as_f64() {
+        Some(number) if number.fract() == 0.0 && number.abs() < EXACT => {
+            (number as i64).to_string()
+        }
+        _ => id.to_string(),
+    }
 }
 
 type Chosen = Box<dyn Fn(u32) -> bool>;
@@ -265,13 +288,20 @@ fn draw_one(
     // Pixels are counted in the size that was annotated.
     let runs = parts.iter().find_map(|part| match part {
         Segmentation::Runs { size: [h, w], .. } => Some((*w, *h)),
-        Segmentation::Polygons(_) => None,
+        Segmentation::Polygons(_) | Segmentation::Polygon(_) => None,
     });
     let stated = picture.width.zip(picture.height);
     let (width, height) = stated.or(runs).unwrap_or(photo);
-    if !same_shape((width, height), photo) || width.max(height) > 1 << 16 {
+    if !same_shape((width, height), photo) {
         return Err(format!(
             "it was annotated at {width}x{height}, but the photo is {}x{}, another shape",
+            photo.0, photo.1
+        ));
+    }
+    let most = (LARGEST_SCALE * u64::from(photo.0)).min(1 << 16);
+    if u64::from(width) > most {
+        return Err(format!(
+            "it was annotated at {width}x{height}, which is too large for the photo's {}x{}",
             photo.0, photo.1
         ));
     }
@@ -284,6 +314,7 @@ fn draw_one(
                     polygon::fill(&mut mask, w, h, points);
                 }
             }
+            Segmentation::Polygon(points) => polygon::fill(&mut mask, w, h, points),
             Segmentation::Runs { size, counts } => {
                 if *size != [height, width] {
                     return Err(format!(

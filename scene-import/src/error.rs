@@ -71,6 +71,20 @@ impl ImportError {
         }
     }
 
+    /// What it speaks of.
+    pub(crate) fn path_mut(&mut self) -> &mut PathBuf {
+        match self {
+            Self::Io { path, .. }
+            | Self::Content { path, .. }
+            | Self::Colmap(
+                ColmapError::Io { path, .. }
+                | ColmapError::Format { path, .. }
+                | ColmapError::Scene { path, .. }
+                | ColmapError::Mask { path, .. },
+            ) => path,
+        }
+    }
+
     pub(crate) fn json(path: &Path, error: &serde_json::Error) -> Self {
         Self::line(
             path,

@@ -40,6 +40,11 @@ impl Labels {
         }
     }
 
+    /// Width and height.
+    pub(crate) fn size(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
     /// White where the label is, black elsewhere.
     pub(crate) fn mask(&self, label: u32) -> GrayImage {
         GrayImage::from_fn(self.width, self.height, |x, y| {

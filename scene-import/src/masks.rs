@@ -2,10 +2,10 @@
 
 use crate::coco::{self, Wanted};
 use crate::error::ImportError;
-use crate::gather::Imported;
+use crate::gather::{Imported, same_shape};
 use crate::labels::Labels;
 use image::GrayImage;
-use io_colmap::{MaskFiles, MaskSet, Polarity, Scene};
+use io_colmap::{MaskFiles, MaskSet, Polarity, Scene, write_png};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -198,6 +198,19 @@ fn write_label(
                 return Ok((false, BTreeSet::new()));
             };
             let labels = Labels::read(path)?;
+            let camera = scene.model.cameras.get(&view.camera_id);
+            let photo = camera.map_or((0, 0), |camera| (camera.width, camera.height));
+            let size = labels.size();
+            if !same_shape(size, photo) {
+                return Err(ImportError::bad(
+                    path,
+                    format!(
+                        "the label picture is {}x{} but its photo {} is {}x{}, another shape",
+                        size.0, size.1, view.name, photo.0, photo.1
+                    ),
+                    "label the photo itself, without cropping or turning it",
+                ));
+            }
             save(&labels.mask(label), &mask_path(out, &view.name))?;
             Ok((true, labels.all()))
         })
@@ -237,12 +250,19 @@ pub(crate) fn save(mask: &GrayImage, path: &Path) -> Result<(), ImportError> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|e| ImportError::io("create", folder, e))?;
     }
-    mask.save(path).map_err(|e| match e {
-        image::ImageError::IoError(e) => ImportError::io("write", path, e),
-        e => ImportError::bad(
-            path,
-            format!("the mask cannot be written ({e})"),
-            "report this",
-        ),
-    })
+    Ok(write_png(mask, path)?)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_mask_that_a_full_disk_does_not_take_is_an_error() {
+        let said = save(&GrayImage::new(4, 4), Path::new("/dev/full")).unwrap_err();
+        let said = said.to_string();
+        assert!(said.starts_with("cannot write /dev/full: "), "{said}");
+    }
 }

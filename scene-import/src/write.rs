@@ -5,7 +5,9 @@ use crate::error::ImportError;
 use crate::gather::{Dropped, Imported};
 use crate::masks::{Chosen, MaskOptions, mask_path, save};
 use draft_folder::{Draft, Occupant};
-use io_colmap::{Model, POLARITY_FILE, PhotoHeader, Polarity, Scene, picture_error, read_photo};
+use io_colmap::{
+    ColmapError, Model, POLARITY_FILE, PhotoHeader, Polarity, Scene, read_photo, write_png,
+};
 use rayon::prelude::*;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -45,35 +47,39 @@ impl Imported {
                 occupant.remedy(elsewhere),
             ));
         }
+        let (imported, rewritten) = self.with_final_names()?;
         let draft = Draft::beside(out)?;
-        let written = self.fill(draft.path(), masks, &chosen)?;
+        let written = imported
+            .fill(draft.path(), masks, &chosen, &rewritten)
+            .map_err(|error| imported.outside(error, draft.path(), out))?;
         draft.finish()?;
         Ok(written)
     }
 
+    /// The views have their final names here; `rewritten` says which photos are written anew.
     fn fill(
         &self,
         folder: &Path,
         masks: &MaskOptions,
         chosen: &Chosen,
+        rewritten: &[bool],
     ) -> Result<Written, ImportError> {
-        let (imported, rewritten) = self.with_final_names()?;
-        let views = &imported.model.views;
+        // First, as it refuses names that cannot be.
+        self.model.write_binary(&folder.join("sparse/0"))?;
+        let views = &self.model.views;
         let (images, mask_dir) = (folder.join("images"), folder.join("masks"));
         let with_alpha: Vec<bool> = (0..views.len())
             .into_par_iter()
             .map(|i| {
-                let (view, photo) = (&views[i], &imported.photos[i]);
+                let (view, photo) = (&views[i], &self.photos[i]);
                 let to = images.join(&view.name);
                 create_parent(&to)?;
                 if !rewritten[i] {
                     fs::copy(photo, &to).map_err(|e| ImportError::io("copy", photo, e))?;
                     return Ok(false);
                 }
-                let picture = read_photo(photo, size(&imported.model, view.camera_id))?;
-                alpha::flatten(&picture)
-                    .save(&to)
-                    .map_err(|e| ImportError::io("write", &to, picture_error(e)))?;
+                let picture = read_photo(photo, size(&self.model, view.camera_id))?;
+                write_png(&alpha::flatten(&picture), &to)?;
                 match (chosen, alpha::mask(&picture)) {
                     (Chosen::Alpha { .. }, Some(mask)) => {
                         save(&mask, &mask_path(&mask_dir, &view.name)).map(|()| true)
@@ -82,9 +88,8 @@ impl Imported {
                 }
             })
             .collect::<Result<_, ImportError>>()?;
-        imported.model.write_binary(&folder.join("sparse/0"))?;
 
-        let mut notes = imported.notes.clone();
+        let mut notes = self.notes.clone();
         let anew = rewritten.iter().filter(|anew| **anew).count();
         if anew > 0 {
             notes.push(format!(
@@ -92,7 +97,7 @@ impl Imported {
             ));
         }
         let scene = Scene::open(folder)?;
-        let mut count = masks.write(chosen, &imported, &scene, &mask_dir, &mut notes)?;
+        let mut count = masks.write(chosen, self, &scene, &mask_dir, &mut notes)?;
         let from_alpha = with_alpha.iter().filter(|mask| **mask).count();
         if from_alpha > 0 {
             count = from_alpha;
@@ -120,6 +125,22 @@ impl Imported {
             masks: count,
             notes,
         })
+    }
+
+    /// The same about files that last: the draft is gone before the error is read. Photos in it are copies.
+    fn outside(&self, mut error: ImportError, draft: &Path, out: &Path) -> ImportError {
+        let is_about_photo = matches!(error, ImportError::Colmap(ColmapError::Scene { .. }));
+        let path = error.path_mut();
+        let lasting = path.strip_prefix(draft).ok().map(|inner| {
+            let mut photos = self.model.views.iter().zip(&self.photos);
+            let original = photos
+                .find(|(view, _)| is_about_photo && Path::new("images").join(&view.name) == inner);
+            original.map_or_else(|| out.join(inner), |(_, photo)| photo.clone())
+        });
+        if let Some(lasting) = lasting {
+            *path = lasting;
+        }
+        error
     }
 
     /// With the names that photos will have: those that are written anew become PNG files. Also
@@ -150,6 +171,17 @@ impl Imported {
             })
             .collect();
         order.sort_by(|&a, &b| names[a].cmp(&names[b]));
+        if let Some(&[a, b]) = order.array_windows().find(|[a, b]| names[*a] == names[*b]) {
+            return Err(ImportError::bad(
+                &self.photos[b],
+                format!(
+                    "this photo and {} would both be written as images/{}",
+                    self.photos[a].display(),
+                    names[a]
+                ),
+                "rename one of the two, also where its pose is listed",
+            ));
+        }
         let mut imported = self.clone();
         imported.model.views = order
             .iter()
@@ -210,4 +242,50 @@ fn size(model: &Model, camera_id: u32) -> (u32, u32) {
 fn create_parent(path: &Path) -> Result<(), ImportError> {
     let parent: PathBuf = path.parent().map(Path::to_path_buf).unwrap_or_default();
     fs::create_dir_all(&parent).map_err(|e| ImportError::io("create", &parent, e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::Format;
+    use io_colmap::{Pose, View};
+
+    #[test]
+    fn errors_name_files_that_last() {
+        let mut model = Model::default();
+        model.views.push(View {
+            id: 1,
+            name: "left/a.png".to_owned(),
+            camera_id: 1,
+            camera_from_world: Pose::IDENTITY,
+        });
+        let imported = Imported {
+            format: Format::Transforms,
+            model,
+            photos: vec![PathBuf::from("scene/photos/a.webp")],
+            masks: vec![None],
+            root: PathBuf::from("scene"),
+            notes: Vec::new(),
+            dropped: Vec::new(),
+        };
+        let place = |error: ImportError| {
+            let mut error = imported.outside(error, Path::new("draft"), Path::new("out"));
+            error.path_mut().clone()
+        };
+        let scene = |path: &str| {
+            ImportError::Colmap(ColmapError::Scene {
+                path: PathBuf::from(path),
+                what: String::new(),
+                remedy: String::new(),
+            })
+        };
+        let copy = "draft/images/left/a.png";
+        assert_eq!(place(scene(copy)), Path::new("scene/photos/a.webp"));
+        assert_eq!(place(scene("draft/sparse/0")), Path::new("out/sparse/0"));
+        assert_eq!(place(scene("masks/a.png")), Path::new("masks/a.png"));
+        // What was to be written is not the original.
+        let full = std::io::ErrorKind::StorageFull.into();
+        let error = ImportError::io("write", Path::new(copy), full);
+        assert_eq!(place(error), Path::new("out/images/left/a.png"));
+    }
 }

@@ -1,7 +1,7 @@
 //! Masks on disk: names, polarity, pixel formats, sizes.
 
 use crate::sample::{small, write_scene};
-use image::{DynamicImage, GrayImage, Luma, Rgba};
+use image::{DynamicImage, GrayImage, ImageBuffer, Luma, Rgb, RgbImage, Rgba};
 use io_colmap::{MaskSet, Polarity, Scene};
 use std::path::Path;
 
@@ -243,7 +243,7 @@ fn sizes_must_fit() {
         "{error}"
     );
     assert!(
-        error.contains("images/p1.png is 64x48, another shape; make the mask"),
+        error.contains("its photo p1.png is 64x48, another shape; make the mask"),
         "{error}"
     );
 
@@ -278,6 +278,153 @@ fn masks_without_an_object_are_refused() {
     let error = find(None);
     assert!(
         error.contains("p2.png: the mask cannot be decoded"),
+        "{error}"
+    );
+}
+
+/// As no mask looks, at the size of the photos.
+fn colours() -> RgbImage {
+    RgbImage::from_fn(64, 48, |x, y| {
+        Rgb([(4 * x) as u8, (5 * y) as u8, (x * y % 251) as u8])
+    })
+}
+
+#[test]
+fn photos_are_not_taken_for_masks() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = scene(dir.path());
+    let folder = dir.path().join("images_4");
+    for name in ["p0.png", "p1.png"] {
+        save(&folder, name, colours());
+    }
+    save(&folder, "p2.png", disc(64, 48, 255, 0));
+    let error = MaskSet::find(&folder, &scene, None)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("images_4: 2 of the 3 masks are in many colours, such as ")
+            && error.contains("p0.png, so they look like photos; name the folder")
+            && error.contains("--masks"),
+        "{error}"
+    );
+    let error = MaskSet::find_ignored(&folder, &scene)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("3 ignore pictures") && error.contains("--ignore"),
+        "{error}"
+    );
+    // One that strayed among masks is left to the checks of masks.
+    save(&folder, "p1.png", disc(64, 48, 255, 0));
+    assert!(MaskSet::find(&folder, &scene, None).is_ok());
+    // A photo that is cut out is a mask by its alpha.
+    let cut_out = image::RgbaImage::from_fn(64, 48, |x, y| {
+        let [r, g, b] = colours().get_pixel(x, y).0;
+        Rgba([r, g, b, if x < 20 { 255 } else { 0 }])
+    });
+    for name in ["p0.png", "p1.png", "p2.png"] {
+        save(&folder, name, cut_out.clone());
+    }
+    assert!(MaskSet::find(&folder, &scene, None).is_ok());
+}
+
+#[test]
+fn masks_drawn_in_one_colour_are_read_by_their_brightness() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = scene(dir.path());
+    let masks = dir.path().join("masks");
+    let draw = |colour: [u8; 3]| {
+        let disc = disc(64, 48, 255, 0);
+        for name in PHOTOS {
+            let drawn = RgbImage::from_fn(64, 48, |x, y| {
+                Rgb(colour.map(|channel| channel.min(disc.get_pixel(x, y).0[0])))
+            });
+            save(&masks, name, drawn);
+        }
+        MaskSet::find(&masks, &scene, None)
+    };
+    let mask = draw([0, 255, 0]).unwrap().load(0, 64, 48).unwrap().unwrap();
+    assert!(mask.get_pixel(32, 24).0[0] > 127 && mask.get_pixel(2, 2).0[0] == 0);
+    // Red is dark.
+    let error = draw([255, 0, 0]).unwrap_err().to_string();
+    assert!(
+        error.contains("brighter than 54 of 255") && error.contains("--label"),
+        "{error}"
+    );
+}
+
+#[test]
+fn labels_of_16_bits_are_the_same_numbers_in_all_files() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = scene(dir.path());
+    let masks = dir.path().join("masks");
+    let write = |name: &str, inside: u16, outside: u16| {
+        let disc = disc(64, 48, 1, 0);
+        let wide = ImageBuffer::from_fn(64, 48, |x, y| {
+            Luma([match disc.get_pixel(x, y).0 {
+                [1] => inside,
+                _ => outside,
+            }])
+        });
+        save(&masks, name, DynamicImage::ImageLuma16(wide));
+    };
+    let refused = |says: &str| {
+        let error = MaskSet::find(&masks, &scene, None).unwrap_err().to_string();
+        assert!(error.contains(says) && error.contains("--label"), "{error}");
+    };
+    // Whether 1 is the object, a frame with a 2 in it makes doubtful for all.
+    write("p0.png", 1, 0);
+    write("p1.png", 2, 0);
+    refused("of the 2 masks is brighter than 2 of 255");
+    write("p0.png", 3, 3);
+    write("p1.png", 3, 3);
+    refused("of the 2 masks is brighter than 3 of 255");
+    write("p0.png", 257, 0);
+    write("p1.png", 300, 0);
+    refused("of the 2 masks is brighter than 1 of 255");
+    // In a matte that uses all of its depth, as much is next to nothing.
+    write("p0.png", 200, 0);
+    write("p1.png", 65535, 0);
+    let set = MaskSet::find(&masks, &scene, None).unwrap();
+    let middle = |i| {
+        let mask = set.load(i, 64, 48).unwrap().unwrap();
+        mask.get_pixel(32, 24).0[0]
+    };
+    assert_eq!([middle(0), middle(1)], [1, 255]);
+}
+
+#[test]
+fn nothing_may_be_ignored_and_anything_but_black_is() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = scene(dir.path());
+    let ignore = dir.path().join("ignore");
+    let find = || MaskSet::find_ignored(&ignore, &scene);
+    save(&ignore, "p0.png", disc(64, 48, 0, 0));
+    let set = find().unwrap();
+    assert!(
+        set.summary()
+            .starts_with("1 of 4 photos have an ignore picture (")
+            && set.summary().ends_with("; what is not black is ignored"),
+        "{}",
+        set.summary()
+    );
+    let black = set.load(0, 64, 48).unwrap().unwrap();
+    assert!(black.iter().all(|value| *value == 0));
+
+    // Grey counts, and so does what lies along the border.
+    save(&ignore, "p1.png", disc(64, 48, 0, 100));
+    let set = find().unwrap();
+    let grey = set.load(1, 64, 48).unwrap().unwrap();
+    assert_eq!(
+        [grey.get_pixel(2, 2).0, grey.get_pixel(32, 24).0],
+        [[100], [0]]
+    );
+
+    save(&ignore, "p2.png", disc(48, 48, 255, 0));
+    let error = find().unwrap_err().to_string();
+    assert!(
+        error.contains("the ignore picture is 48x48 but its photo p2.png")
+            && error.contains("; make the ignore picture from the photo"),
         "{error}"
     );
 }

@@ -170,3 +170,36 @@ fn masks_may_be_of_these_kinds_too() {
     }
     assert!(Scene::has_model(dir.path()) && !Scene::has_model(&masks));
 }
+
+/// The checksum of PNG's chunks.
+fn crc(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
+            (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg())
+        })
+    })
+}
+
+#[test]
+fn a_photo_that_claims_to_be_larger_than_any_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.png");
+    image::RgbaImage::new(8, 8).save(&path).unwrap();
+    let mut bytes = fs::read(&path).unwrap();
+    // The header's chunk: its name, width, height and five more bytes, then the checksum.
+    for at in [16, 20] {
+        bytes[at..at + 4].copy_from_slice(&1_000_000_u32.to_be_bytes());
+    }
+    let sum = crc(&bytes[12..29]);
+    bytes[29..33].copy_from_slice(&sum.to_be_bytes());
+    fs::write(&path, bytes).unwrap();
+    let size = (1_000_000, 1_000_000);
+    assert_eq!(PhotoHeader::read(&path).unwrap().stored, size);
+    let error = read_photo(&path, size).unwrap_err().to_string();
+    assert!(
+        error.contains(
+            "a.png: the file says that it is 1000000x1000000, which is larger than any photo; copy"
+        ),
+        "{error}"
+    );
+}

@@ -285,12 +285,50 @@ fn coco_files_for_other_photos_are_refused() {
     );
     refused(with(json!({"size": [63, 96], "counts": [1, 2]})), "96x63");
     refused(with(json!({"size": [64, 96], "counts": "~"})), "damaged");
-    refused(with(json!(7)), "line 1");
-    let large = json!({
-        "images": [{"id": 1, "file_name": "0001.png", "width": 960_000_000, "height": 640_000_000}],
-        "annotations": [{"image_id": 1, "segmentation": [[0, 0, 1, 0, 1, 1]]}],
+    refused(
+        with(json!(7)),
+        "line 1: the segmentation of an annotation must be polygons",
+    );
+    let sized = |width: u32, height: u32| {
+        json!({
+            "images": [{"id": 1, "file_name": "0001.png", "width": width, "height": height}],
+            "annotations": [{"image_id": 1, "segmentation": [[0, 0, 1, 0, 1, 1]]}],
+        })
+    };
+    refused(sized(96, 96), "another shape");
+    for (width, height) in [(960_000_000, 640_000_000), (65_536, 43_691), (864, 576)] {
+        let says = format!("at {width}x{height}, which is too large for the photo's 96x64");
+        refused(sized(width, height), &says);
+    }
+}
+
+#[test]
+fn coco_is_read_as_tables_and_simple_tools_write_it() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::transforms(dir.path(), |_| {});
+    let file = dir.path().join("coco.json");
+    let content = json!({
+        "images": [
+            {"id": 1, "file_name": "0001.png", "width": 96, "height": 64},
+            // The largest size that is drawn.
+            {"id": 2.0, "file_name": "0002.png", "width": 768, "height": 512},
+            {"id": "3", "file_name": "0003.png"},
+        ],
+        "annotations": [
+            {"image_id": 1.0, "segmentation": [20, 10, 70, 10, 70, 50, 20, 50]},
+            {"image_id": 2, "segmentation": [[160, 80, 560, 80, 560, 400, 160, 400]]},
+            {"image_id": 3, "segmentation": [[0, 0, 9, 0, 9, 9]]},
+        ],
     });
-    refused(large, "another shape");
+    fs::write(&file, content.to_string()).unwrap();
+    let (written, out) = import(dir.path(), &from(&file)).unwrap();
+    assert_eq!(written.masks, 2, "a text is no number");
+    assert_eq!(
+        image::image_dimensions(out.join("masks/0002.png")).unwrap(),
+        (768, 512)
+    );
+    fs::copy(out.join("masks/0001.png"), out.join("masks/0002.png")).unwrap();
+    assert_written(&out, &["0001", "0002"]);
 }
 
 #[test]
@@ -318,6 +356,35 @@ fn one_label_of_a_label_picture_is_the_object() {
     };
     let error = import(dir.path(), &nothing).unwrap_err().to_string();
     assert!(error.contains("--masks"), "{error}");
+    let other = dir.path().join("labels/0003.png");
+    save(&GrayImage::from_pixel(64, 64, Luma([2])), &other);
+    let error = import(dir.path(), &labelled(2)).unwrap_err().to_string();
+    let says = "labels/0003.png: the label picture is 64x64 but its photo 0003.png is 96x64, another shape;";
+    assert!(error.contains(says), "{error}");
+}
+
+#[test]
+fn the_photos_themselves_are_no_masks_and_errors_name_what_lasts() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::transforms(dir.path(), |_| {});
+    crate::rig::write_photos(&dir.path().join("images_4"));
+    for folder in ["images", "images_4"] {
+        let error = import(dir.path(), &from(&dir.path().join(folder))).unwrap_err();
+        let error = error.to_string();
+        assert!(
+            error.contains(&format!("{folder}: 4 of the 4 masks are in many colours"))
+                && error.contains("--masks"),
+            "{error}"
+        );
+    }
+    let masks = dir.path().join("m");
+    save(&GrayImage::new(64, 64), &masks.join("0002.png"));
+    let error = import(dir.path(), &from(&masks)).unwrap_err().to_string();
+    assert!(
+        error.contains("m/0002.png: the mask is 64x64 but its photo 0002.png is 96x64")
+            && !error.contains(".sos-partial-"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -84,6 +84,41 @@ fn photos_in_several_folders_keep_them() {
     assert!(out.join("images/right/a.png").is_file());
 }
 
+#[test]
+fn photos_that_cannot_be_written_are_named_as_they_were() {
+    let dir = tempfile::tempdir().unwrap();
+    let refused = |name: &str, second: &str| {
+        let scene = dir.path().join(name);
+        fixtures::transforms(&scene, |file| {
+            file["frames"][0]["file_path"] = second.into();
+        });
+        let path = scene.join(second);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        for path in [path, scene.join("images/0002.png")] {
+            let photo = image::RgbaImage::from_pixel(WIDTH, HEIGHT, image::Rgba([9, 9, 9, 255]));
+            photo.save(path).unwrap();
+        }
+        let imported = import(&scene, Format::Transforms).unwrap();
+        let out = dir.path().join("out");
+        let error = imported.write(&out, &MaskOptions::default()).unwrap_err();
+        assert!(!out.exists());
+        error.to_string()
+    };
+    // Both become a PNG without alpha.
+    let error = refused("alike", "images/0002.webp");
+    assert!(
+        error.contains("images/0002.webp: this photo and ")
+            && error.contains("images/0002.png would both be written as images/0002.png; rename"),
+        "{error}"
+    );
+    let error = refused("blank", "images/ left/a.png");
+    assert!(
+        error.contains("out/sparse/0/images: the photo name \" left/a.png\"")
+            && !error.contains(".sos-partial-"),
+        "{error}"
+    );
+}
+
 fn names(imported: &Imported) -> Vec<&str> {
     let views = imported.model.views.iter();
     views.map(|view| view.name.as_str()).collect()

@@ -2,7 +2,7 @@
 
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 use image::GrayImage;
-use io_colmap::{Camera, ColmapError, MaskSet, Model, Polarity, Pose, Scene, View};
+use io_colmap::{Camera, ColmapError, MaskSet, Model, Pose, Scene, View};
 use neus_render::rays::{Projection, Ray};
 use rayon::prelude::*;
 use std::path::Path;
@@ -228,10 +228,42 @@ pub fn load_ignored(views: &mut [TrainView], ignored: &MaskSet) -> Result<(), Pr
 }
 
 /// Matches the pictures in `dir` to the scene's photos; what is not black in them is not to be learned
-/// from.
+/// from. Nothing may be, in any photo.
 ///
 /// # Errors
 /// [`ColmapError::Mask`] where none belongs to a photo, or one cannot be read.
 pub fn find_ignored(dir: &Path, scene: &Scene) -> Result<MaskSet, ColmapError> {
-    MaskSet::find(dir, scene, Some(Polarity::WhiteIsObject))
+    MaskSet::find_ignored(dir, scene)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn nothing_may_be_ignored_in_any_photo() {
+        let dir = tempfile::tempdir().unwrap();
+        let [image_dir, ignore] = ["images", "ignore"].map(|name| dir.path().join(name));
+        for folder in [&image_dir, &ignore] {
+            std::fs::create_dir(folder).unwrap();
+        }
+        let mut model = Model::default();
+        model.views.push(View {
+            id: 1,
+            name: "a.jpg".to_owned(),
+            camera_id: 1,
+            camera_from_world: Pose::IDENTITY,
+        });
+        let scene = Scene {
+            root: dir.path().to_owned(),
+            image_dir,
+            model,
+            notes: Vec::new(),
+        };
+        let black = GrayImage::new(8, 8);
+        black.save(ignore.join("a.png")).unwrap();
+        let found = find_ignored(&ignore, &scene).unwrap();
+        assert_eq!(found.load(0, 8, 8).unwrap(), Some(black));
+    }
 }
