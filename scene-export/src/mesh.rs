@@ -4,7 +4,7 @@ use crate::error::ExportError;
 use crate::run::resumed;
 use glam::{DVec3, Vec3};
 use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+use ply_rs_bw::ply::{Header, Property, PropertyAccess, PropertyAccessResult};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -97,6 +97,7 @@ fn read(path: &Path) -> Result<Mesh, String> {
     let header = vertex_parser
         .read_header(&mut reader)
         .map_err(|e| e.to_string())?;
+    refuse_endless(&header)?;
     let mut mesh = Mesh::default();
     let mut polygons = Vec::new();
     for (name, element) in &header.elements {
@@ -125,7 +126,9 @@ fn read(path: &Path) -> Result<Mesh, String> {
             }
         }
     }
-    if let Some(bad) = mesh.positions.iter().position(|v| !v.is_finite()) {
+    // What is written holds 32-bit numbers.
+    let is_finite = |v: &DVec3| v.as_vec3().is_finite();
+    if let Some(bad) = mesh.positions.iter().position(|v| !is_finite(v)) {
         return Err(format!("vertex {bad} has no finite x, y and z"));
     }
     for (number, Face(corners)) in polygons.iter().enumerate() {
@@ -144,6 +147,19 @@ fn read(path: &Path) -> Result<Mesh, String> {
         .for_each(|n| *n = Vec3::ZERO);
     mesh.complete_normals();
     Ok(mesh)
+}
+
+/// Refuses entries that take no bytes: the parser would read as many of them as the file claims, without ever
+/// coming to its end.
+fn refuse_endless(header: &Header) -> Result<(), String> {
+    let mut elements = header.elements.values();
+    match elements.find(|element| element.count > 0 && element.properties.is_empty()) {
+        Some(element) => Err(format!(
+            "it claims {} of the element {:?}, which has no properties",
+            element.count, element.name
+        )),
+        None => Ok(()),
+    }
 }
 
 /// What the file lacks stays as it is here: a position that is refused, no normal, white.

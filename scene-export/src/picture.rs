@@ -4,7 +4,7 @@
 
 use crate::draft::Draft;
 use crate::error::ExportError;
-use png::{BitDepth, ColorType, Compression, Encoder, SrgbRenderingIntent};
+use png::{BitDepth, ColorType, Compression, Encoder, EncodingError, SrgbRenderingIntent};
 use std::io::{self, Write};
 
 /// From this value of 65535 on, a pixel is the object's.
@@ -105,10 +105,10 @@ impl Picture<'_> {
     /// # Errors
     /// [`ExportError::Io`].
     pub fn write(&self, draft: &Draft, name: &str) -> Result<(), ExportError> {
-        draft.write(name, |out| self.encode(out))
+        draft.write(name, |out| self.encode(out).map_err(io_error))
     }
 
-    fn encode(&self, out: &mut impl Write) -> io::Result<()> {
+    fn encode(&self, out: &mut impl Write) -> Result<(), EncodingError> {
         let mut encoder = Encoder::new(out, self.width, self.height);
         encoder.set_color(match self.kind {
             Kind::Grey => ColorType::Grayscale,
@@ -123,11 +123,20 @@ impl Picture<'_> {
         encoder.add_text_chunk("Description".to_owned(), self.remark.to_owned())?;
         let mut writer = encoder.write_header()?;
         writer.write_image_data(self.bytes)?;
-        Ok(writer.finish()?)
+        writer.finish()
+    }
+}
+
+/// What the operating system said, with its kind, by which the remedy is chosen and which `png`'s own conversion drops.
+fn io_error(error: EncodingError) -> io::Error {
+    match error {
+        EncodingError::IoError(error) => error,
+        other => other.into(),
     }
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -138,6 +147,29 @@ mod tests {
             let exact = (f64::from(value) / 257.0).round();
             assert_eq!(f64::from(byte(value)), exact, "{value}");
         }
+    }
+
+    #[test]
+    fn a_full_disk_stays_a_full_disk() {
+        struct Full;
+        impl Write for Full {
+            fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+                Err(io::ErrorKind::StorageFull.into())
+            }
+
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        let picture = Picture {
+            width: 1,
+            height: 1,
+            kind: Kind::Grey,
+            remark: "",
+            bytes: &[7],
+        };
+        let error = picture.encode(&mut Full).map_err(io_error).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::StorageFull);
     }
 
     #[test]

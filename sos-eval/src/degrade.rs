@@ -13,8 +13,10 @@ use crate::picture::{Mask, RgbPlane, Sized2d, assert_same_size, read_rgb};
 use crate::report::MASK_THRESHOLD;
 use crate::splitmix::SplitMix64;
 use draft_folder::Draft;
-use image::GrayImage;
+use image::{GrayImage, ImageError, ImageFormat};
 use rayon::prelude::*;
+use std::fs::{self, File};
+use std::io::{BufWriter, Write as _};
 use std::path::Path;
 
 /// Colour distance, in 0..=1 per channel, that makes a step of a growing region ten times as long.
@@ -186,14 +188,9 @@ pub fn degrade_folder(
         let Some(mask) = degrade(&mask, &photo, fault, share, index, seed) else {
             return Ok(0);
         };
-        let target = draft.path().join(format!("{name}.png"));
-        target
-            .parent()
-            .map_or(Ok(()), std::fs::create_dir_all)
-            .map_err(|e| failed(&target, e.to_string()))?;
-        picture(&mask)
-            .save(&target)
-            .map_err(|e| failed(&target, e.to_string()))?;
+        let file = format!("{name}.png");
+        save(&picture(&mask), &draft.path().join(&file))
+            .map_err(|error| failed(&out.join(&file), error.to_string()))?;
         Ok(1)
     });
     let count = written.sum::<Result<usize, EvalError>>()?;
@@ -208,6 +205,17 @@ fn picture(mask: &Mask) -> GrayImage {
         let inside = mask.inside[y as usize * mask.width + x as usize];
         image::Luma([if inside { 255 } else { 0 }])
     })
+}
+
+/// Writes a PNG file, and the folders on its way. `image`'s own `save` drops what the last flush says, such as that
+/// the disk is full.
+fn save(picture: &GrayImage, path: &Path) -> Result<(), ImageError> {
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder)?;
+    }
+    let mut file = BufWriter::new(File::create(path)?);
+    picture.write_to(&mut file, ImageFormat::Png)?;
+    Ok(file.flush()?)
 }
 
 fn nothing_like(mask: &Mask) -> Mask {
@@ -400,6 +408,17 @@ mod tests {
         assert!(matches!(degrade(), Err(EvalError::Write { .. })));
         assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2);
         assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 3);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_disk_is_told_of_a_small_mask_too() {
+        let grey = GrayImage::from_pixel(8, 8, image::Luma([255]));
+        let error = save(&grey, Path::new("/dev/full")).unwrap_err();
+        let ImageError::IoError(error) = error else {
+            panic!("{error}");
+        };
+        assert_eq!(error.kind(), std::io::ErrorKind::StorageFull);
     }
 
     #[test]

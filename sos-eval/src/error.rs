@@ -14,6 +14,12 @@ pub enum EvalError {
         /// What the system said.
         reason: String,
     },
+    /// A folder of mattes where a run's folder is wanted.
+    #[error("{} is a folder of mattes, and a run's folder has them in alpha/: give the run's folder, or score a folder of mattes with sos compare or sos-eval", .path.display())]
+    NoRun {
+        /// The folder.
+        path: PathBuf,
+    },
     /// A folder without a single picture.
     #[error("the folder {} holds no .png, .jpg or .jpeg picture: point to the folder with one picture per view", .path.display())]
     EmptyFolder {

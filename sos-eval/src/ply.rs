@@ -4,10 +4,13 @@ use crate::EvalError;
 use crate::mesh::TriangleMesh;
 use glam::DVec3;
 use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+use ply_rs_bw::ply::{Header, Property, PropertyAccess, PropertyAccessResult};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
+
+/// Coordinates beyond this are of no object. Distances take products of four of them, which have to stay finite.
+const FARTHEST: f64 = 1e30;
 
 /// Reads the elements `vertex` (`x`, `y`, `z`) and `face` (`vertex_indices` or `vertex_index`);
 /// all else in the file is skipped. A file without faces is a mesh without triangles.
@@ -26,6 +29,7 @@ fn read(path: &Path) -> Result<TriangleMesh, String> {
     let header = vertex_parser
         .read_header(&mut reader)
         .map_err(|e| e.to_string())?;
+    refuse_endless(&header)?;
     let mut mesh = TriangleMesh::default();
     let mut polygons = Vec::new();
     for (name, element) in &header.elements {
@@ -54,6 +58,12 @@ fn read(path: &Path) -> Result<TriangleMesh, String> {
     if let Some(bad) = mesh.vertices.iter().position(|v| !v.is_finite()) {
         return Err(format!("vertex {bad} has no finite x, y and z"));
     }
+    let is_far = |v: &DVec3| v.abs().max_element() > FARTHEST;
+    if let Some(bad) = mesh.vertices.iter().position(is_far) {
+        return Err(format!(
+            "vertex {bad} lies more than {FARTHEST:e} away, where no object is"
+        ));
+    }
     for (number, Face(corners)) in polygons.iter().enumerate() {
         if let Some(bad) = corners
             .iter()
@@ -70,6 +80,19 @@ fn read(path: &Path) -> Result<TriangleMesh, String> {
         }
     }
     Ok(mesh)
+}
+
+/// Refuses entries that take no bytes: the parser would read as many of them as the file claims, without ever
+/// coming to its end.
+fn refuse_endless(header: &Header) -> Result<(), String> {
+    let mut elements = header.elements.values();
+    match elements.find(|element| element.count > 0 && element.properties.is_empty()) {
+        Some(element) => Err(format!(
+            "it claims {} of the element {:?}, which has no properties",
+            element.count, element.name
+        )),
+        None => Ok(()),
+    }
 }
 
 /// Coordinates the file lacks stay NaN, which the check above reports.

@@ -2,6 +2,7 @@
 
 use crate::EvalError;
 use crate::folders::compare_folders;
+use crate::matching::list_pictures;
 use crate::mesh::{MESH_SAMPLES, compare_meshes};
 use crate::plates::{MIN_SEEN, compare_plates};
 use crate::ply::read_ply;
@@ -19,7 +20,7 @@ const MESH_SEED: u64 = 1;
 /// mattes may lie `background_shadow_gt/` (the object removed but its shadow kept, as in the pictures
 /// the run has seen), `background_gt/` (its shadow removed too) or both, and `mesh_gt.ply`, in the run's
 /// coordinates.
-/// Mattes are required, whatever else both sides have is scored too.
+/// Mattes are required, whatever else both sides have is scored too; a mesh that cannot be is noted in the report.
 pub fn run_eval(run_dir: &Path, gt_dir: &Path, start: Option<&Path>) -> Result<Report, EvalError> {
     let inner = gt_dir.join("alpha_gt");
     let alpha_gt = if inner.is_dir() {
@@ -27,7 +28,13 @@ pub fn run_eval(run_dir: &Path, gt_dir: &Path, start: Option<&Path>) -> Result<R
     } else {
         gt_dir.to_owned()
     };
-    let mut report = compare_folders(&run_dir.join("alpha"), &alpha_gt, start)?;
+    let alpha = run_dir.join("alpha");
+    if !alpha.is_dir() && holds_mattes(run_dir) {
+        return Err(EvalError::NoRun {
+            path: run_dir.to_owned(),
+        });
+    }
+    let mut report = compare_folders(&alpha, &alpha_gt, start)?;
 
     // `..` and not `parent()`: the latter of "." or a link is not the folder above.
     let scene = alpha_gt.join("..");
@@ -55,13 +62,11 @@ pub fn run_eval(run_dir: &Path, gt_dir: &Path, start: Option<&Path>) -> Result<R
     if let Some(truth) = beside("mesh_gt.ply")
         && mesh.is_file()
     {
-        // An object of which nothing is left, as after a few steps, is no reason to lose the rest.
-        match compare_meshes(
-            &read_ply(&mesh)?,
-            &read_ply(&truth)?,
-            MESH_SAMPLES,
-            MESH_SEED,
-        ) {
+        let scored = read_ply(&mesh).and_then(|surface| {
+            compare_meshes(&surface, &read_ply(&truth)?, MESH_SAMPLES, MESH_SEED)
+        });
+        // An object of which nothing is left, as after a few steps, or a damaged file is no reason to lose the rest.
+        match scored {
             Ok(score) => report.mesh = Some(score),
             Err(reason) => report
                 .notes
@@ -69,4 +74,9 @@ pub fn run_eval(run_dir: &Path, gt_dir: &Path, start: Option<&Path>) -> Result<R
         }
     }
     Ok(report)
+}
+
+/// Whether a folder has pictures in it and is no run, which has such too before it has mattes.
+fn holds_mattes(folder: &Path) -> bool {
+    !folder.join("config.toml").exists() && list_pictures(folder).is_ok()
 }

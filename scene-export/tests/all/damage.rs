@@ -164,6 +164,11 @@ fn damaged_meshes_are_explained() {
             "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nend_header\n",
             "no triangles",
         ),
+        // Takes no bytes, so that a parser would never come to the end of the file.
+        (
+            "ply\nformat binary_little_endian 1.0\nelement edge 100000000000\nend_header\n",
+            "100000000000 of the element \"edge\", which has no properties",
+        ),
     ] {
         let rig = Rig::new();
         fs::write(rig.run().join("mesh.ply"), ply).unwrap();

@@ -209,6 +209,16 @@ fn bad_meshes_are_told_not_panicked_over() {
             "vertex 0 has no finite",
         ),
         (ASCII.replace("1 1 0 9", "1 nan 0 9"), "bad.ply"),
+        (
+            ASCII.replace("1 1 0 9", "-1e200 1 0 9"),
+            "vertex 2 lies more than 1e30 away",
+        ),
+        // Takes no bytes, so that a parser would never come to the end of the file.
+        (
+            "ply\nformat binary_little_endian 1.0\nelement vertex 100000000000\nend_header\n"
+                .into(),
+            "100000000000 of the element \"vertex\", which has no properties",
+        ),
         ("not a mesh".into(), "bad.ply"),
         (String::new(), "bad.ply"),
     ] {

@@ -173,7 +173,7 @@ fn a_run_is_scored_with_all_that_is_there() {
     let place = |what: &str| table.find(&format!("plates against {what}\n")).unwrap();
     assert!(place("background_shadow_gt") < place("background_gt"));
 
-    // A mesh of which nothing is left does not cost the other scores; a broken one is told.
+    // A mesh of which nothing is left does not cost the other scores, nor does a broken one or one of no sense.
     fs::write(
         run.join("mesh.ply"),
         TRIANGLE
@@ -187,11 +187,30 @@ fn a_run_is_scored_with_all_that_is_there() {
         "{:?}",
         report.notes
     );
-    fs::write(run.join("mesh.ply"), "nonsense").unwrap();
-    assert!(matches!(
-        run_eval(&run, &scene, None),
-        Err(EvalError::Mesh { .. })
-    ));
+    let afar = TRIANGLE.replace("1 0 0", "1e37 0 0");
+    for (ply, says) in [("nonsense", "cannot be read"), (&afar, "vertex 1 lies")] {
+        fs::write(run.join("mesh.ply"), ply).unwrap();
+        let report = run_eval(&run, &scene, None).unwrap();
+        assert_eq!((report.mesh, report.mean.iou), (None, 1.0));
+        assert!(
+            report.notes[0].contains("mesh.ply") && report.notes[0].contains(says),
+            "{:?}",
+            report.notes
+        );
+    }
+
+    let mattes = run_eval(&run.join("alpha"), &scene, None).unwrap_err();
+    assert_eq!(
+        mattes,
+        EvalError::NoRun {
+            path: run.join("alpha")
+        }
+    );
+    let says = mattes.to_string();
+    assert!(
+        says.contains("run's folder") && says.contains("sos compare"),
+        "{says}"
+    );
 
     // Mattes alone are enough.
     fs::remove_file(run.join("mesh.ply")).unwrap();
