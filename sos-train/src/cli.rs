@@ -19,6 +19,7 @@ mod kept_run;
 mod manual;
 mod render;
 mod results;
+mod resumed;
 mod train;
 
 pub use args::{

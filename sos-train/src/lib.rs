@@ -37,6 +37,7 @@
 //!     out: "/runs/cat".into(),
 //!     demo: false,
 //!     imported_from: None,
+//!     photos: None,
 //!     click: None,
 //!     object_box: None,
 //! };

@@ -143,11 +143,7 @@ impl Place {
 
     /// All trials that have a folder, in the table's order.
     fn found(&self) -> Result<Vec<Trial>, RunError> {
-        let failed = |source| RunError::Io {
-            action: "read",
-            path: self.out.clone(),
-            source,
-        };
+        let failed = |source| RunError::outside("list", &self.out, source);
         let mut found = Vec::new();
         // No row came as far as to make it.
         if !self.out.is_dir() {
@@ -224,11 +220,7 @@ impl Place {
         let alpha = self.out.join(trial.folder()).join("alpha");
         // Made in seconds, and nothing in it says of which masks it was made.
         if state == State::Finished {
-            fs::remove_dir_all(&alpha).map_err(|source| RunError::Io {
-                action: "remove",
-                path: alpha.clone(),
-                source,
-            })?;
+            fs::remove_dir_all(&alpha).map_err(|e| RunError::outside("remove", &alpha, e))?;
         }
         match trial.row.kind {
             Kind::Masks => write_masks(&args.scene, &self.masks, args.polarity, &alpha)?,

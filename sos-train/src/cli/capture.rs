@@ -68,15 +68,13 @@ pub(super) fn capture(args: &CaptureArgs) -> anyhow::Result<()> {
 }
 
 fn nothing_to_capture(path: &Path) -> anyhow::Error {
+    if let Err(error) = refuse_one_photo(path) {
+        return error.into();
+    }
     let (what, remedy) = if !path.exists() {
         (
             "there is no such file or folder",
             "give a folder of photos or a video file",
-        )
-    } else if path.is_file() && image::ImageFormat::from_path(path).is_ok() {
-        (
-            "it is one photo",
-            "give the folder with all photos of the object",
         )
     } else if path.is_file() {
         (
@@ -95,6 +93,15 @@ fn nothing_to_capture(path: &Path) -> anyhow::Error {
         )
     };
     InputError::new(path, what, remedy).into()
+}
+
+/// An error for a photo where a scene is wanted.
+pub(super) fn refuse_one_photo(path: &Path) -> Result<(), InputError> {
+    if path.is_file() && image::ImageFormat::from_path(path).is_ok() {
+        let remedy = "give the folder with all photos of the object";
+        return Err(InputError::new(path, "it is one photo", remedy));
+    }
+    Ok(())
 }
 
 /// Captures a scene and puts it into the folder of a run, with the masks that training is to use.
@@ -136,7 +143,7 @@ pub(super) fn capture_for_run(
         }
         let imported = scene_import::read(&scene_import::detect(&scene, None)?, None)?;
         let names = imported.model.views.iter().map(|view| view.name.as_str());
-        let written = check_names(names)
+        let written = check_names(source.path(), names)
             .map_err(anyhow::Error::from)
             .and_then(|()| write_into_run(&imported, &run, plan, masks, screen));
         // Poses that took an hour are kept whatever becomes of the run, without masks if these are of no use, and results of

@@ -161,11 +161,8 @@ impl Patient {
     fn of_import(args: &DoctorArgs, source: MaskSource) -> anyhow::Result<Self> {
         let detected = detect(&args.scene, None)?;
         let imported = scene_import::read(&detected, None)?;
-        let folder = tempfile::tempdir().map_err(|source| RunError::Io {
-            action: "create",
-            path: std::env::temp_dir(),
-            source,
-        })?;
+        let folder = tempfile::tempdir()
+            .map_err(|source| RunError::outside("create", &std::env::temp_dir(), source))?;
         let options = MaskOptions {
             source,
             label: args.label,

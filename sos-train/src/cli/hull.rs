@@ -10,7 +10,7 @@ use crate::prepare::view::load_views;
 use crate::prepare::{outline, prepare};
 use crate::run_folder::{RunError, view_file, write_folder};
 use image::GrayImage;
-use io_colmap::{ColmapError, MaskSet, Scene, picture_error};
+use io_colmap::{ColmapError, MaskSet, Scene, write_png};
 use rayon::prelude::*;
 use serde_json::json;
 use std::fs;
@@ -48,7 +48,8 @@ pub(super) fn write_hull(
     out: &Path,
 ) -> anyhow::Result<usize> {
     let scene = Scene::open(scene)?;
-    check_names(scene.model.views.iter().map(|view| view.name.as_str()))?;
+    let names = scene.model.views.iter().map(|view| view.name.as_str());
+    check_names(&scene.root, names)?;
     let masks = MaskSet::find(masks, &scene, polarity.map(Into::into))?;
     let config = TrainConfig::preset(Preset::Default);
     let views = load_views(&scene, Some(&masks))?;
@@ -79,7 +80,8 @@ pub(super) fn write_masks(
     out: &Path,
 ) -> anyhow::Result<usize> {
     let scene = Scene::open(scene)?;
-    check_names(scene.model.views.iter().map(|view| view.name.as_str()))?;
+    let names = scene.model.views.iter().map(|view| view.name.as_str());
+    check_names(&scene.root, names)?;
     let masks = MaskSet::find(masks, &scene, polarity.map(Into::into))?;
     let views = &scene.model.views;
     let pictures = views.par_iter().enumerate().map(|(i, view)| {
@@ -98,26 +100,19 @@ fn write_mattes<'a>(
     count: usize,
     matte: impl Fn(usize) -> Option<(&'a str, GrayImage)> + Sync,
 ) -> anyhow::Result<usize> {
-    let failed = |action, path: &Path, source| RunError::Io {
-        action,
-        path: path.to_path_buf(),
-        source,
-    };
     let write_one = |fresh: &Path, index: usize| {
         let Some((name, picture)) = matte(index) else {
             return Ok(0);
         };
         let path = view_file(fresh, name, "png");
         if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder).map_err(|e| failed("create", folder, e))?;
+            fs::create_dir_all(folder).map_err(|e| RunError::outside("create", folder, e))?;
         }
-        let written = picture.save(&path).map_err(picture_error);
-        written.map_err(|e| failed("write", &path, e))?;
+        write_png(&picture, &path)?;
         Ok(1)
     };
-    let written = write_folder(out, |fresh| {
+    write_folder(out, |fresh| {
         let indices = (0..count).into_par_iter();
         indices.map(|index| write_one(fresh, index)).sum()
-    });
-    Ok(written?)
+    })
 }

@@ -1,6 +1,7 @@
 //! `sos import`, and the import that `sos train` makes of a scene that is not COLMAP's.
 
 use super::answer::Voice;
+use super::capture::refuse_one_photo;
 use super::input::{Plan, coarse_masks_hint, mask_source, owns_scene};
 use super::train::folder;
 use super::{ImportArgs, TrainArgs, program};
@@ -73,6 +74,7 @@ pub(super) fn is_ready(
         MaskSource::Alpha => false,
         MaskSource::Path(path) => !path.is_file(),
     };
+    refuse_one_photo(scene)?;
     let detected = detect(scene, None)?;
     Ok(detected.format == Format::Colmap && !scene.is_file() && plain_masks && label.is_none())
 }
@@ -165,6 +167,26 @@ fn opened(
         say(&sentence);
     }
     // What training would refuse later is refused now.
-    check_names(imported.model.views.iter().map(|view| view.name.as_str()))?;
+    let names = imported.model.views.iter().map(|view| view.name.as_str());
+    check_names(&detected.root, names)?;
     Ok(imported)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn one_photo_is_called_so() {
+        let dir = tempfile::tempdir().unwrap();
+        let photo = dir.path().join("cat.jpg");
+        std::fs::write(&photo, "").unwrap();
+        let error = is_ready(&photo, &MaskSource::Look, None).unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .contains("cat.jpg: it is one photo; give the folder")
+        );
+    }
 }

@@ -2,6 +2,7 @@
 
 use super::TrainArgs;
 use super::answer::Voice;
+use super::resumed::{explain, going_on, other_version, photos_of};
 use crate::config::{InputRecord, MaskPolarity, RunRecord, TrainConfig};
 use crate::device::built_in;
 use crate::discover::hint::{Click, WorldBox};
@@ -12,7 +13,7 @@ use crate::train::schedule::keep_carving;
 use anyhow::Context as _;
 use demo_scene::{DemoConfig, DemoError, DemoScene, check_vacant, generate};
 use draft_folder::Occupant;
-use io_colmap::MaskFiles;
+use io_colmap::{MaskFiles, Scene};
 use scene_import::MaskSource;
 use serde_json::json;
 use std::fs;
@@ -38,7 +39,13 @@ pub(super) struct Plan {
     pub(super) object_box: Option<WorldBox>,
     /// Where photos are not to be learned from.
     pub(super) ignore: Option<PathBuf>,
+    /// What the photos of a run that goes on must be, as its record has it.
+    pub(super) photos: Option<String>,
     pub(super) out: PathBuf,
+    /// What a user should know about the file that the settings are of.
+    pub(super) note: Option<String>,
+    /// The text of the record of a run that goes on.
+    pub(super) resumed: Option<String>,
 }
 
 /// Where the photos come from.
@@ -73,20 +80,22 @@ impl Plan {
         for path in paths.into_iter().flatten() {
             check_unicode(path)?;
         }
-        let repeated = args.config.as_deref().map(read_record).transpose()?;
-        let named = repeated.as_ref().and_then(|record| record.input.as_ref());
+        let repeated = args.config.as_deref().map(Kept::read).transpose()?;
+        let named = repeated
+            .as_ref()
+            .and_then(|kept| kept.record.input.as_ref());
         let out = run_path(args, named)?;
         let saved = if args.resume {
             let run = RunFolder::open_existing(&out)?;
             if !run.has_checkpoint() {
                 return Err(RunError::NoCheckpoint { path: out }.into());
             }
-            Some(read_record(&run.config_path())?)
+            Some(Kept::read(&run.config_path())?)
         } else {
             repeated
         };
         let mut config = match &saved {
-            Some(record) => record.config.clone(),
+            Some(kept) => kept.record.config.clone(),
             None => TrainConfig::preset(args.preset.unwrap_or_default()),
         };
         if let Some(steps) = args.settings.steps {
@@ -106,10 +115,11 @@ impl Plan {
         }
         config.validate()?;
         built_in(&config.device)?;
-        if let (true, Some(record)) = (args.resume, &saved) {
+        if let (true, Some(Kept { record, .. })) = (args.resume, &saved) {
             config.check_resumes(&record.config)?;
             // Its record would say that it had fewer.
-            let step = step_of(&RunFolder::open_existing(&out)?)?;
+            let run = RunFolder::open_existing(&out)?;
+            let step = step_of(&run).map_err(|error| explain(&run, error))?;
             if config.steps < step {
                 let wrong = format!(
                     "this run is at step {step} already, and --steps is {}",
@@ -122,16 +132,26 @@ impl Plan {
             keep_carving(&mut config, &record.config, step);
         }
 
-        let input = saved.and_then(|record| record.input);
+        let note = saved.as_ref().and_then(|kept| kept.note.clone());
+        let (input, resumed) = match saved {
+            Some(kept) => (kept.record.input, Some(kept.text).filter(|_| args.resume)),
+            None => (None, None),
+        };
         // Masks belong to a scene: those of the record only go with its own.
-        let same_scene = args.scene.is_none() || args.resume;
-        let recorded = input.filter(|_| same_scene);
+        let recorded = match (input, &args.scene) {
+            (Some(input), Some(scene)) if args.resume => Some(going_on(input, scene, &out)?),
+            (input, None) => input,
+            (_, Some(_)) => None,
+        };
+        // A run that goes on does so with what its record says.
+        let is_known = args.resume && recorded.is_some();
+        let stated = args.scene.as_ref().filter(|_| !is_known);
         // What a run imported is in its own folder, wherever that is now.
         let imported_from = recorded
             .as_ref()
             .filter(|_| args.resume)
             .and_then(|input| input.imported_from.clone());
-        let source = match (&args.scene, &recorded) {
+        let source = match (stated, &recorded) {
             _ if imported_from.is_some() => Source::Folder(RunFolder::scene_in(&out)),
             (Some(scene), _) => Source::Folder(scene.clone()),
             (None, Some(input)) if !input.demo => Source::Folder(input.scene.clone()),
@@ -158,7 +178,11 @@ impl Plan {
             .filter(|_| args.click.is_none() && args.object_box.is_none())
             .map(|input| (input.click.clone(), input.object_box))
             .unwrap_or((args.click.clone(), args.object_box));
-        let polarity = args.polarity.or(recorded.and_then(|input| input.polarity));
+        let of_record = recorded.as_ref();
+        let polarity = args.polarity.or(of_record.and_then(|input| input.polarity));
+        let photos = recorded
+            .filter(|_| args.resume)
+            .and_then(|input| input.photos);
         Ok(Self {
             config,
             source,
@@ -169,8 +193,27 @@ impl Plan {
             click: hints.0,
             object_box: hints.1,
             ignore,
+            photos,
             out,
+            note,
+            resumed,
         })
+    }
+}
+
+/// A `config.toml` that a plan is made of.
+struct Kept {
+    record: RunRecord,
+    text: String,
+    /// What to say where another version wrote it.
+    note: Option<String>,
+}
+
+impl Kept {
+    fn read(path: &Path) -> anyhow::Result<Self> {
+        let (record, text) = read_record(path)?;
+        let note = other_version(path, &text);
+        Ok(Self { record, text, note })
     }
 }
 
@@ -262,32 +305,34 @@ fn no_scene(scene: &Path) -> InputError {
     )
 }
 
-fn read_record(path: &Path) -> anyhow::Result<RunRecord> {
+fn read_record(path: &Path) -> anyhow::Result<(RunRecord, String)> {
     let text = fs::read_to_string(path).map_err(|source| RunError::Io {
         action: "read",
         path: path.to_path_buf(),
         source,
     })?;
-    RunRecord::from_toml(&text).with_context(|| path.display().to_string())
+    let record = RunRecord::from_toml(&text).with_context(|| path.display().to_string())?;
+    Ok((record, text))
 }
 
 /// What `config.toml` says about the input. Paths are absolute, so that they hold from anywhere.
 pub(super) fn record_input(
     plan: &Plan,
-    scene: &Path,
+    scene: &Scene,
     masks: Option<&Path>,
     polarity: Option<MaskPolarity>,
     imported_from: Option<&Path>,
 ) -> InputRecord {
     let full = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
     InputRecord {
-        scene: full(scene),
+        scene: full(&scene.root),
         masks: masks.map(full),
         polarity,
         ignore: plan.ignore.as_deref().map(full),
         out: full(&plan.out),
         demo: plan.source == Source::Demo,
         imported_from: imported_from.map(full),
+        photos: Some(photos_of(&scene.model)),
         click: plan.click.clone(),
         object_box: plan.object_box,
     }
@@ -297,7 +342,7 @@ pub(super) fn record_input(
 pub(super) fn owns_scene(out: &Path) -> bool {
     read_record(&out.join("config.toml"))
         .ok()
-        .and_then(|record| record.input)
+        .and_then(|(record, _)| record.input)
         .is_some_and(|input| input.owns_scene())
 }
 
@@ -398,6 +443,7 @@ mod tests {
             out: "/runs/old".into(),
             demo: false,
             imported_from: Some("/photos/cat".into()),
+            photos: None,
             click: None,
             object_box: None,
         };

@@ -2,6 +2,8 @@
 
 use super::RenderArgs;
 use super::answer::Voice;
+use super::resumed::explain;
+use crate::doctor::room;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK, InputError};
 use crate::export::check_names;
 use crate::progress::{AtInterrupt, Progress, watch_interrupt};
@@ -11,13 +13,19 @@ use crate::render::rays::FrozenScene;
 use crate::render::trained::load_trained;
 use crate::run_folder::RunFolder;
 use glam::Vec3;
-use io_colmap::Scene;
+use io_colmap::{Model, Scene};
 use scene_export::{Codec, Draft, Existing, ExportError, Ffmpeg, Kind, Picture, Video};
 use serde_json::json;
+use std::path::Path;
 use std::sync::atomic::Ordering;
 
 /// What the object of a turntable stands before in videos without alpha.
 const PAPER: Vec3 = Vec3::splat(0.92);
+
+/// Pixels along a side of a picture, at most.
+const LONGEST_SIDE: u32 = 1 << 15;
+/// Bytes of a pixel of a [`Frame`] with the whole scene.
+const FRAME_BYTES: u64 = 40;
 
 /// Renders a turntable, a way along the photos, or what given cameras see.
 ///
@@ -46,16 +54,17 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<u8> {
     let model = match &args.views {
         Some(folder) => {
             let model = Scene::read_model(folder)?;
-            check_names(model.views.iter().map(|view| view.name.as_str()))?;
+            check_names(folder, model.views.iter().map(|view| view.name.as_str()))?;
             if model.views.is_empty() {
                 let remedy = "give one with the views that are to be drawn";
                 return Err(InputError::new(folder, "the model has no views", remedy).into());
             }
+            check_sizes(folder, &model)?;
             Some(model)
         }
         None => None,
     };
-    let (scene, data) = load_trained(&run)?;
+    let (scene, data) = load_trained(&run).map_err(|error| explain(&run, error))?;
     let like_photos = size_like_photos(&data, args.size);
     let cameras = match (model, args.turntable, args.path) {
         (Some(model), ..) => of_model(&data, &model)?,
@@ -130,6 +139,29 @@ pub(super) fn render(args: &RenderArgs) -> anyhow::Result<u8> {
     let sentence = format!("{}: {count} frames", out.display());
     Voice::of(args.json, args.quiet).answer(&result, &sentence)?;
     Ok(EXIT_OK)
+}
+
+/// Refuses views that no memory holds.
+fn check_sizes(folder: &Path, model: &Model) -> Result<(), InputError> {
+    let memory = room::of_machine().unwrap_or(u64::MAX);
+    for view in &model.views {
+        let Some(camera) = model.cameras.get(&view.camera_id) else {
+            continue;
+        };
+        let (width, height) = (camera.width, camera.height);
+        let bytes = FRAME_BYTES * u64::from(width) * u64::from(height);
+        if width.max(height) > LONGEST_SIDE || bytes > memory {
+            let remedy = format!(
+                "give its camera a size of at most {LONGEST_SIDE} pixels a side that has room in memory, at {FRAME_BYTES} bytes a pixel"
+            );
+            let what = format!(
+                "the view {:?} is {width}x{height}, too large to be drawn",
+                view.name
+            );
+            return Err(InputError::new(folder, what, remedy));
+        }
+    }
+    Ok(())
 }
 
 fn draw(scene: &FrozenScene, camera: &NovelCamera, args: &RenderArgs) -> Frame {
@@ -225,4 +257,44 @@ fn on_paper(frame: &Frame) -> Vec<u8> {
     let pixels = frame.object.iter().zip(&frame.alpha);
     let over: Vec<Vec3> = pixels.map(|(c, alpha)| PAPER.lerp(*c, *alpha)).collect();
     colours(&over)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use io_colmap::{Camera, CameraModel, Pose, View};
+
+    #[test]
+    fn views_that_no_memory_holds_are_named() {
+        let sized = |width: u32, height: u32| Model {
+            cameras: [(
+                1,
+                Camera {
+                    id: 1,
+                    model: CameraModel::SimplePinhole,
+                    width,
+                    height,
+                    params: vec![100.0, 50.0, 50.0],
+                },
+            )]
+            .into(),
+            views: vec![View {
+                id: 1,
+                camera_id: 1,
+                name: "vast.png".to_owned(),
+                camera_from_world: Pose::IDENTITY,
+            }],
+            points: Vec::new(),
+        };
+        let folder = Path::new("scene");
+        check_sizes(folder, &sized(1920, 1080)).unwrap();
+        for model in [sized(1 << 20, 1 << 20), sized(1, LONGEST_SIDE + 1)] {
+            let says = check_sizes(folder, &model).unwrap_err().to_string();
+            assert!(
+                says.starts_with("scene: the view \"vast.png\"") && says.contains("32768"),
+                "{says}"
+            );
+        }
+    }
 }

@@ -4,10 +4,13 @@ use super::answer::Voice;
 use super::capture::{capture_for_run, source_without_poses};
 use super::import::{Imported, import_for_run, is_ready};
 use super::input::{Plan, Source, generate_demo, mask_folder, owns_scene, record_input};
+use super::resumed::{check_photos, explain_resumed};
 use super::{TrainArgs, evaluate, program};
 use crate::audit::Metrics;
 use crate::config::{MaskPolarity, RunRecord, TrainConfig};
+use crate::device::{DeviceKind, choose};
 use crate::discover::Hint;
+use crate::doctor::room;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK, InputError};
 use crate::export::{check_names, read_log};
 use crate::job::{Checks, TrainJob, TrainOutcome};
@@ -77,6 +80,10 @@ pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
     if let Some(port) = args.view.filter(|port| *port > 0) {
         LiveServer::check(port)?;
     }
+    if let Some(note) = &plan.note {
+        screen.note(note);
+    }
+    let resumed = plan.resumed.clone();
     let demo = plan.source == Source::Demo;
     let site = match &plan.source {
         Source::Demo => Site::made_in(prepare_demo(args, &plan, &screen)?),
@@ -132,7 +139,10 @@ pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
                 run.abandon(owns_scene)?;
                 say_kept(&run, captured);
             }
-            Err(error)
+            Err(match &resumed {
+                Some(record) => explain_resumed(&run, record, error),
+                None => error,
+            })
         }
     }
 }
@@ -215,7 +225,13 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
     } = site;
     let demo = plan.source == Source::Demo;
     let scene = Scene::open(&scene_dir)?;
-    check_names(scene.model.views.iter().map(|view| view.name.as_str()))?;
+    let names = scene.model.views.iter().map(|view| view.name.as_str());
+    check_names(&scene_dir, names)?;
+    check_photos(plan, &scene_dir, &scene.model)?;
+    let config = plan.config.settled(&scene.model);
+    if let Some(memory) = room::of_machine().filter(|_| is_on_processor(&config.device)) {
+        room::check(&config, &scene.model, memory)?;
+    }
     let (masks_dir, hint) = match &imported {
         Some(imported) => (imported.masks_dir.clone(), None),
         None => mask_folder(&plan.masks, &scene_dir, demo),
@@ -247,12 +263,11 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
         .or_else(|| plan.imported_from.clone());
     let input = record_input(
         plan,
-        &scene_dir,
+        &scene,
         masks_dir.as_deref(),
         polarity,
         imported_from.as_deref(),
     );
-    let config = plan.config.settled(&scene.model);
     let record = RunRecord::new(config.clone(), input).to_toml()?;
     if run.has_begun() {
         run.write_durably(&run.config_path(), |out| out.write_all(record.as_bytes()))?;
@@ -269,6 +284,11 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
         ignored,
         run,
     })
+}
+
+/// Whether tables and samples take this machine's own memory. What cannot be chosen is refused by training.
+fn is_on_processor(device: &str) -> bool {
+    choose(device).is_ok_and(|chosen| chosen.kind == DeviceKind::Processor)
 }
 
 pub(super) fn folder(args: &TrainArgs, path: &Path) -> Result<RunFolder, RunError> {

@@ -43,6 +43,17 @@ pub enum ConfigError {
         /// What is wrong there.
         error: Box<ConfigError>,
     },
+    /// Any of these, in a file of another version of this program.
+    #[error(
+        "{error} (it was written by sos {written_by}, and this is sos {}; go on with that version, or start again with this one)",
+        env!("CARGO_PKG_VERSION")
+    )]
+    OtherVersion {
+        /// The version that wrote the file.
+        written_by: String,
+        /// What is wrong in it.
+        error: Box<ConfigError>,
+    },
     /// A setting that a run in progress cannot change.
     #[error(
         "{key} is {saved} in the run to be resumed and cannot become {wanted}; leave it out, or start a new run with --force or another --out"

@@ -59,6 +59,10 @@ pub struct InputRecord {
     /// it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub imported_from: Option<PathBuf>,
+    /// How many photos there are and what the first and the last are called, by which a scene that has moved is known
+    /// again; none in a file of a version that did not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub photos: Option<String>,
     /// A pixel that shows the object, for a run without masks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub click: Option<Click>,
@@ -92,6 +96,13 @@ impl Versions {
             sos: env!("CARGO_PKG_VERSION").to_owned(),
             platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
         }
+    }
+
+    /// The version that a `config.toml` is of, where it says so and it is not this one, whatever else is in it.
+    pub(crate) fn other_in(text: &str) -> Option<String> {
+        let table: Table = text.parse().ok()?;
+        let sos = table.get(VERSIONS)?.get("sos")?.as_str()?;
+        (sos != Self::current().sos).then(|| sos.to_owned())
     }
 }
 
@@ -144,7 +155,28 @@ impl RunRecord {
     /// [`ConfigError`] for text that is not TOML, unknown keys, and values of the wrong kind or out
     /// of range, with the line where the text has one.
     pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
-        Self::parsed(text).map_err(|error| in_line(error, text))
+        Self::parsed(text).map_err(|error| {
+            let error = in_line(error, text);
+            match Versions::other_in(text) {
+                Some(written_by) => ConfigError::OtherVersion {
+                    written_by,
+                    error: Box::new(error),
+                },
+                None => error,
+            }
+        })
+    }
+
+    /// The settings that a file's text lacks, which are those of its preset today.
+    pub(crate) fn left_open(text: &str) -> Vec<String> {
+        let stated = settings(text).unwrap_or_default();
+        let is_open = |key: &String| match key.split_once('.') {
+            Some((section, name)) => stated
+                .get(section)
+                .is_none_or(|section| section.get(name).is_none()),
+            None => !stated.contains_key(key),
+        };
+        TrainConfig::keys().into_iter().filter(is_open).collect()
     }
 
     fn parsed(text: &str) -> Result<Self, ConfigError> {
@@ -247,4 +279,46 @@ fn written(value: &impl Serialize) -> Result<String, ConfigError> {
     toml::to_string(value).map_err(|e| ConfigError::Syntax {
         reason: one_line(e.to_string()),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_in_a_file_of_another_version_name_both() {
+        let of = |body: &str| format!("{body}\n[versions]\nsos = \"9.9.9\"\nplatform = \"x\"\n");
+        let says = |text: &str| match RunRecord::from_toml(text) {
+            Err(error) => error.to_string(),
+            Ok(_) => String::new(),
+        };
+        for (body, key) in [
+            ("[loss]\nfuture = 1", "\"loss.future\""),
+            (
+                "[input]\nscene = \"a\"\nout = \"b\"\nfuture = 1",
+                "unknown field `future`",
+            ),
+        ] {
+            let text = says(&of(body));
+            for part in [key, "sos 9.9.9", env!("CARGO_PKG_VERSION"), "start again"] {
+                assert!(text.contains(part), "{text}");
+            }
+            assert!(!says(body).contains("written by"), "{}", says(body));
+        }
+        let here = of("steps = maybe").replace("9.9.9", env!("CARGO_PKG_VERSION"));
+        assert_eq!(Versions::other_in(&here), None);
+        assert_eq!(
+            Versions::other_in(&of("steps = 1")).as_deref(),
+            Some("9.9.9")
+        );
+    }
+
+    #[test]
+    fn settings_that_a_file_lacks_are_known() {
+        let mut all = written(&TrainConfig::default()).unwrap_or_default();
+        assert_eq!(RunRecord::left_open(&all), [""; 0]);
+        all = all.replace("huber_delta = ", "# ");
+        all = all.replace("seed = ", "# ");
+        assert_eq!(RunRecord::left_open(&all), ["loss.huber_delta", "seed"]);
+    }
 }

@@ -1,5 +1,6 @@
 //! What a training will take, from a few of its steps.
 
+use super::room;
 use crate::config::TrainConfig;
 use crate::prepare::error::PrepareError;
 use crate::prepare::{MAP_RESOLUTION, Outline, Prepared, TrainView};
@@ -83,7 +84,7 @@ pub fn counted(config: &TrainConfig, data: &Prepared) -> Cost {
         steps: config.steps,
         minutes: None,
         memory: entries * entry_in_memory(config) + in_memory as u64 + REST_IN_MEMORY,
-        memory_left: memory_left(),
+        memory_left: room::left(),
         disk: entries * ENTRY_ON_DISK
             + MAPS_ON_DISK
             + occupancy
@@ -96,7 +97,7 @@ pub fn counted(config: &TrainConfig, data: &Prepared) -> Cost {
 
 /// Bytes in memory for each entry of a hash table: its two values, and two moments of each. A gradient
 /// there is of one level at a time.
-fn entry_in_memory(config: &TrainConfig) -> u64 {
+pub(super) fn entry_in_memory(config: &TrainConfig) -> u64 {
     let moment = match config.schedule.moments {
         MomentPrecision::Single => 4,
         MomentPrecision::Half => 2,
@@ -109,16 +110,4 @@ fn pixels(data: &Prepared) -> u64 {
         .iter()
         .map(|view| u64::from(view.width()) * u64::from(view.height()))
         .sum()
-}
-
-/// Bytes that the system can still give and what this program has already, where it says so.
-fn memory_left() -> Option<u64> {
-    let kilobytes = |file: &str, key: &str| -> Option<u64> {
-        let text = std::fs::read_to_string(file).ok()?;
-        let line = text.lines().find(|line| line.starts_with(key))?;
-        line.split_whitespace().nth(1)?.parse().ok()
-    };
-    // Without files that are mapped: what of them is in memory can be given back.
-    let own = kilobytes("/proc/self/status", "RssAnon:").unwrap_or(0);
-    Some(1024 * (kilobytes("/proc/meminfo", "MemAvailable:")? + own))
 }

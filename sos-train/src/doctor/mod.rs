@@ -6,6 +6,7 @@
 
 pub mod admission;
 pub mod estimate;
+pub mod room;
 
 use crate::config::PrepareConfig;
 use crate::discover::{Hint, plane};

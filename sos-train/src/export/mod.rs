@@ -27,6 +27,7 @@ pub use picture::write_preview;
 pub use view::{ViewRender, check_names, write_found_mask, write_uncertainty, write_view};
 
 use crate::run_folder::RunError;
+use std::path::PathBuf;
 
 /// Why something could not be exported.
 #[derive(Debug, thiserror::Error)]
@@ -36,9 +37,12 @@ pub enum ExportError {
     Run(#[from] RunError),
     /// Two photos whose results would have one name.
     #[error(
-        "the photos {first:?} and {second:?} differ only in their ending, so that their mattes would have the same name; rename one of them in the photo folder and the model"
+        "{}: the photos {first:?} and {second:?} differ only in their ending, so that their mattes would have the same name; rename one of them in the photo folder and the model",
+        folder.display()
     )]
     SameName {
+        /// The scene's folder.
+        folder: PathBuf,
         /// One photo.
         first: String,
         /// The other.

@@ -3,7 +3,7 @@
 
 use super::ExportError;
 use crate::run_folder::RunFolder;
-use png::{BitDepth, ColorType, Compression, Encoder, SrgbRenderingIntent};
+use png::{BitDepth, ColorType, Compression, Encoder, EncodingError, SrgbRenderingIntent};
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -31,10 +31,10 @@ pub(super) struct Picture<'a> {
 
 impl Picture<'_> {
     pub(super) fn write(&self, run: &RunFolder, path: &Path) -> Result<(), ExportError> {
-        Ok(run.write(path, |out| self.encode(out))?)
+        Ok(run.write(path, |out| self.encode(out).map_err(io_error))?)
     }
 
-    fn encode(&self, out: &mut impl Write) -> io::Result<()> {
+    fn encode(&self, out: &mut impl Write) -> Result<(), EncodingError> {
         let mut encoder = Encoder::new(out, self.width, self.height);
         encoder.set_color(self.kind);
         encoder.set_depth(self.depth);
@@ -45,7 +45,15 @@ impl Picture<'_> {
         encoder.add_text_chunk("Description".to_owned(), self.remark.to_owned())?;
         let mut writer = encoder.write_header()?;
         writer.write_image_data(self.bytes)?;
-        Ok(writer.finish()?)
+        writer.finish()
+    }
+}
+
+/// What the operating system said, with its kind, by which the remedy is chosen and which `png`'s own conversion drops.
+fn io_error(error: EncodingError) -> io::Error {
+    match error {
+        EncodingError::IoError(error) => error,
+        other => other.into(),
     }
 }
 
@@ -87,4 +95,35 @@ pub fn write_preview(
         bytes: rgb,
     }
     .write(run, &run.preview_path())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_stays_a_full_disk() {
+        struct Full;
+        impl Write for Full {
+            fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+                Err(io::ErrorKind::StorageFull.into())
+            }
+
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        let picture = Picture {
+            width: 1,
+            height: 1,
+            kind: ColorType::Grayscale,
+            depth: BitDepth::Eight,
+            meaning: Meaning::Data,
+            remark: "",
+            bytes: &[7],
+        };
+        let error = picture.encode(&mut Full).map_err(io_error).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+    }
 }

@@ -164,15 +164,19 @@ fn write_grey(
     .write(run, &view_file(folder, name, "png"))
 }
 
-/// Checks that no two photos would write to the same files.
+/// Checks that no two photos of the scene in `folder` would write to the same files.
 ///
 /// # Errors
 /// [`ExportError::SameName`] for the first two that would.
-pub fn check_names<'a>(names: impl IntoIterator<Item = &'a str>) -> Result<(), ExportError> {
+pub fn check_names<'a>(
+    folder: &Path,
+    names: impl IntoIterator<Item = &'a str>,
+) -> Result<(), ExportError> {
     let mut taken: HashMap<PathBuf, &str> = HashMap::new();
     for name in names {
         if let Some(first) = taken.insert(view_file(Path::new(""), name, "png"), name) {
             return Err(ExportError::SameName {
+                folder: folder.to_owned(),
                 first: first.to_owned(),
                 second: name.to_owned(),
             });

@@ -3,12 +3,22 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// What is wrong with a run's folder.
+/// What is wrong with a run's folder, or with what is written elsewhere.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The operating system refused.
     #[error("cannot {action} {}: {source}; {}", path.display(), remedy(source))]
     Io {
+        /// What was being done.
+        action: &'static str,
+        /// The file or folder concerned.
+        path: PathBuf,
+        /// What the operating system said.
+        source: io::Error,
+    },
+    /// The operating system refused, with what belongs to no run, so that none can be resumed.
+    #[error("cannot {action} {}: {source}; {}", path.display(), io_colmap::remedy(source))]
+    Outside {
         /// What was being done.
         action: &'static str,
         /// The file or folder concerned.
@@ -68,7 +78,7 @@ fn remedy(error: &io::Error) -> &'static str {
 
 impl From<draft_folder::DraftError> for RunError {
     fn from(error: draft_folder::DraftError) -> Self {
-        Self::io(error.action, &error.path, error.source)
+        Self::outside(error.action, &error.path, error.source)
     }
 }
 
@@ -79,5 +89,46 @@ impl RunError {
             path: path.to_path_buf(),
             source,
         }
+    }
+
+    pub(crate) fn outside(action: &'static str, path: &Path, source: io::Error) -> Self {
+        Self::Outside {
+            action,
+            path: path.to_path_buf(),
+            source,
+        }
+    }
+
+    /// The same of a file that belongs to no run.
+    pub(super) fn without_run(self) -> Self {
+        match self {
+            Self::Io {
+                action,
+                path,
+                source,
+            } => Self::Outside {
+                action,
+                path,
+                source,
+            },
+            other => other,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_run_is_gone_on_with() {
+        let full = || io::ErrorKind::StorageFull.into();
+        let of_run = RunError::io("write", Path::new("run/mesh.ply"), full());
+        assert!(of_run.to_string().ends_with("go on with --resume"));
+        let says = of_run.without_run().to_string();
+        assert!(
+            says.starts_with("cannot write run/mesh.ply") && says.ends_with("; free some space"),
+            "{says}"
+        );
     }
 }

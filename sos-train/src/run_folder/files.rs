@@ -19,23 +19,24 @@ pub(super) enum Durability {
 /// Writes a file that belongs to no run in one piece; its folder is made if need be.
 ///
 /// # Errors
-/// [`RunError::Io`] if it cannot be written.
+/// [`RunError::Outside`] if it cannot be written.
 pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<(), RunError> {
     write_file(path, Durability::Program, |out| out.write_all(content))
+        .map_err(RunError::without_run)
 }
 
 /// Fills a folder that belongs to no run in one piece, under another name beside its place, so that no
 /// half of it is ever taken for the whole. There must be nothing at `out`, or an empty folder.
 ///
 /// # Errors
-/// What `fill` says, and [`RunError::Io`] if the folder cannot be made.
+/// What `fill` says, and [`RunError::Outside`] if the folder cannot be made.
 pub(crate) fn write_folder<T>(
     out: &Path,
-    fill: impl FnOnce(&Path) -> Result<T, RunError>,
-) -> Result<T, RunError> {
-    let draft = Draft::beside(out)?;
+    fill: impl FnOnce(&Path) -> anyhow::Result<T>,
+) -> anyhow::Result<T> {
+    let draft = Draft::beside(out).map_err(RunError::from)?;
     let filled = fill(draft.path())?;
-    draft.finish()?;
+    draft.finish().map_err(RunError::from)?;
     Ok(filled)
 }
 

@@ -16,6 +16,7 @@ fn input() -> InputRecord {
         out: "/runs/cat".into(),
         demo: false,
         imported_from: None,
+        photos: None,
         click: None,
         object_box: None,
     }

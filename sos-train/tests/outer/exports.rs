@@ -134,9 +134,11 @@ fn names_cannot_lead_out_of_the_run() {
 
 #[test]
 fn photos_that_differ_only_in_their_ending_are_refused() {
-    check_names(["a/1.png", "b/1.png", "2.png"]).unwrap();
-    let error = check_names(["a/1.png", "a/1.jpg"]).unwrap_err();
+    let folder = Path::new("photos/cat");
+    check_names(folder, ["a/1.png", "b/1.png", "2.png"]).unwrap();
+    let error = check_names(folder, ["a/1.png", "a/1.jpg"]).unwrap_err();
     assert!(matches!(error, ExportError::SameName { .. }), "{error}");
+    assert!(error.to_string().starts_with("photos/cat: "), "{error}");
 }
 
 #[test]

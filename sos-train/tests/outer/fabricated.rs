@@ -35,6 +35,7 @@ pub(crate) fn run(dir: &Path, demo: bool) -> (&'static DemoScene, RunFolder) {
         out: run.root().to_path_buf(),
         demo,
         imported_from: None,
+        photos: None,
         click: None,
         object_box: None,
     };

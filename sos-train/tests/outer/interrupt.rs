@@ -102,6 +102,18 @@ fn ctrl_c_saves_and_resume_finishes() {
     assert!(run_dir.join("checkpoint").join("numbers.json").exists());
     assert!(!run_dir.join("report.html").exists());
 
+    // Another scene would be learned from in the name of this one.
+    let config = fs::read(run_dir.join("config.toml")).unwrap();
+    let other = dir.path().join("other");
+    crate::fabricated::SCENE.write(&other).unwrap();
+    let elsewhere = ["train", "other", "--resume", "--out", "run"];
+    let output = sos(dir.path(), &elsewhere).wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(2), "{}", says(&output));
+    for part in ["it is a run of", "scene, not of other", "leave SCENE out"] {
+        assert!(says(&output).contains(part), "{}", says(&output));
+    }
+    assert_eq!(fs::read(run_dir.join("config.toml")).unwrap(), config);
+
     let resume = ["train", "--resume", "--out", "run"];
     let output = sos(dir.path(), &resume).wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", says(&output));

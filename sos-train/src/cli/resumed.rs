@@ -1,0 +1,243 @@
+//! A run that goes on: whether it is the one that was meant, and of this version.
+
+use super::input::Plan;
+use crate::config::{InputRecord, RunRecord, Versions};
+use crate::error::InputError;
+use crate::prepare::error::PrepareError;
+use crate::run_folder::RunFolder;
+use io_colmap::Model;
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// What the run in `out` was given, where SCENE is stated beside `--resume`: it must be what the run was made from.
+/// One that has moved is taken from where it is stated to be; its photos are compared later.
+///
+/// # Errors
+/// [`InputError`] where SCENE is another one.
+pub(super) fn going_on(
+    input: InputRecord,
+    stated: &Path,
+    out: &Path,
+) -> Result<InputRecord, InputError> {
+    let own = input.owns_scene().then(|| RunFolder::scene_in(out));
+    let recorded = input.imported_from.as_ref().unwrap_or(&input.scene);
+    let given = resolved(stated);
+    let is_given = |path: &PathBuf| resolved(path) == given;
+    if is_given(recorded) || is_given(&input.scene) || own.as_ref().is_some_and(is_given) {
+        return Ok(input);
+    }
+    if !input.owns_scene() && !recorded.exists() {
+        return Ok(moved(&input, &given));
+    }
+    let made_from = if input.demo {
+        "the built-in demo".to_owned()
+    } else {
+        recorded.display().to_string()
+    };
+    Err(InputError::new(
+        out,
+        format!("it is a run of {made_from}, not of {}", stated.display()),
+        "leave SCENE out to go on with it, or choose another folder with --out",
+    ))
+}
+
+fn resolved(path: &Path) -> PathBuf {
+    let full = fs::canonicalize(path).or_else(|_| std::path::absolute(path));
+    full.unwrap_or_else(|_| path.to_path_buf())
+}
+
+/// What was given, with the scene in `place`, and with it what lay in the scene.
+fn moved(input: &InputRecord, place: &Path) -> InputRecord {
+    let follow = |path: &PathBuf| match path.strip_prefix(&input.scene) {
+        Ok(below) => place.join(below),
+        Err(_) => path.clone(),
+    };
+    InputRecord {
+        scene: place.to_path_buf(),
+        masks: input.masks.as_ref().map(follow),
+        ignore: input.ignore.as_ref().map(follow),
+        ..input.clone()
+    }
+}
+
+/// What is recorded of a scene's photos.
+pub(super) fn photos_of(model: &Model) -> String {
+    let names = || model.views.iter().map(|view| view.name.as_str());
+    format!(
+        "{}, {} to {}",
+        names().count(),
+        names().min().unwrap_or_default(),
+        names().max().unwrap_or_default()
+    )
+}
+
+/// An error where the run was made from other photos than those in `scene`.
+pub(super) fn check_photos(plan: &Plan, scene: &Path, model: &Model) -> Result<(), InputError> {
+    let found = photos_of(model);
+    match &plan.photos {
+        Some(photos) if *photos != found => Err(InputError::new(
+            scene,
+            format!(
+                "its photos ({found}) are not those of the run in {} ({photos})",
+                plan.out.display()
+            ),
+            "give the scene that the run was made from, or start again with --force",
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// What to say of settings in the file at `path` with this text, if another version wrote it.
+pub(super) fn other_version(path: &Path, text: &str) -> Option<String> {
+    let written_by = Versions::other_in(text)?;
+    let open = RunRecord::left_open(text);
+    let open = match open.len() {
+        0 => "its settings may mean something else".to_owned(),
+        _ => format!(
+            "what it does not state is as this version has it: {}",
+            open.join(", ")
+        ),
+    };
+    Some(format!(
+        "{} was written by sos {written_by}, and this is sos {}; {open}",
+        path.display(),
+        Versions::current().sos
+    ))
+}
+
+/// Names the version that made a run, if it is another one, with an error about the run's checkpoint.
+pub(super) fn explain(run: &RunFolder, error: anyhow::Error) -> anyhow::Error {
+    if !is_of_checkpoint(&error) {
+        return error;
+    }
+    let text = fs::read_to_string(run.config_path()).unwrap_or_default();
+    match Versions::other_in(&text) {
+        Some(made_by) => error.context(format!(
+            "the run was made by sos {made_by} and this is sos {}, so go on with that version",
+            Versions::current().sos
+        )),
+        None => error,
+    }
+}
+
+/// The same for a run that was to go on, whose record is put back first: it is still what the checkpoint is of.
+pub(super) fn explain_resumed(
+    run: &RunFolder,
+    record: &str,
+    error: anyhow::Error,
+) -> anyhow::Error {
+    if is_of_checkpoint(&error) {
+        // The error that is on its way says more than one from this.
+        let _ = run.write_durably(&run.config_path(), |out| out.write_all(record.as_bytes()));
+    }
+    explain(run, error)
+}
+
+fn is_of_checkpoint(error: &anyhow::Error) -> bool {
+    let mut causes = error.chain();
+    causes.any(|cause| matches!(cause.downcast_ref(), Some(PrepareError::Checkpoint { .. })))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::config::TrainConfig;
+    use crate::run_folder::Existing;
+
+    fn input(scene: &Path) -> InputRecord {
+        InputRecord {
+            scene: scene.to_path_buf(),
+            masks: Some(scene.join("masks")),
+            polarity: None,
+            ignore: None,
+            out: "/runs/cat".into(),
+            demo: false,
+            imported_from: None,
+            photos: None,
+            click: None,
+            object_box: None,
+        }
+    }
+
+    #[test]
+    fn a_run_goes_on_with_its_own_scene_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let [cat, dog, gone] = ["cat", "dog", "gone"].map(|name| dir.path().join(name));
+        fs::create_dir(&cat).unwrap();
+        fs::create_dir(&dog).unwrap();
+        let out = dir.path().join("run");
+        let recorded = input(&cat);
+        let stated = dir.path().join("dog/../cat");
+        assert_eq!(
+            going_on(recorded.clone(), &stated, &out),
+            Ok(recorded.clone())
+        );
+        let says = going_on(recorded, &dog, &out).unwrap_err().to_string();
+        for part in ["run: it is a run of", "cat, not of", "leave SCENE out"] {
+            assert!(says.contains(part), "{says}");
+        }
+
+        // A scene that has moved is found where it is stated to be, with the masks in it.
+        let found = going_on(input(&gone), &dog, &out).unwrap();
+        let dog = fs::canonicalize(&dog).unwrap();
+        assert_eq!(found.masks, Some(dog.join("masks")));
+        assert_eq!(found.scene, dog);
+
+        // What was imported is in the run's own folder: nothing else would be read.
+        let imported = InputRecord {
+            imported_from: Some(gone.clone()),
+            ..input(&out.join("scene"))
+        };
+        assert!(going_on(imported.clone(), &dog, &out).is_err());
+        assert!(going_on(imported.clone(), &gone, &out).is_ok());
+        assert!(going_on(imported, &out.join("scene"), &out).is_ok());
+    }
+
+    #[test]
+    fn another_version_is_named_with_the_settings_it_did_not_know() {
+        let text = RunRecord::new(TrainConfig::default(), input(Path::new("/cat")));
+        let text = text.to_toml().unwrap();
+        let path = Path::new("run/config.toml");
+        assert_eq!(other_version(path, &text), None);
+        let older = text
+            .replace(
+                &format!("sos = \"{}\"", Versions::current().sos),
+                "sos = \"0.0.1\"",
+            )
+            .replace("huber_delta = ", "# ");
+        let says = other_version(path, &older).unwrap();
+        for part in ["run/config.toml", "sos 0.0.1", "has it: loss.huber_delta"] {
+            assert!(says.contains(part), "{says}");
+        }
+    }
+
+    #[test]
+    fn a_checkpoint_of_another_version_is_told_and_its_record_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = RunFolder::create(&dir.path().join("run"), Existing::Keep).unwrap();
+        run.begin().unwrap();
+        fs::write(run.config_path(), "steps = 1\n").unwrap();
+        let record = "[versions]\nsos = \"9.9.9\"\nplatform = \"x\"\n";
+        let broken = || PrepareError::Checkpoint {
+            path: "fields.bpk".into(),
+            what: "another format".to_owned(),
+        };
+        let error = explain_resumed(&run, record, broken().into());
+        let says = crate::error::sentence(&error);
+        assert!(
+            says.contains("made by sos 9.9.9") && says.contains("fields.bpk"),
+            "{says}"
+        );
+        assert_eq!(
+            crate::error::exit_code(&error),
+            crate::error::EXIT_BAD_INPUT
+        );
+        assert_eq!(fs::read_to_string(run.config_path()).unwrap(), record);
+
+        // What is no fault of the checkpoint has nothing to do with versions.
+        let error = explain(&run, PrepareError::Empty(3).into());
+        assert!(!crate::error::sentence(&error).contains("9.9.9"));
+    }
+}
