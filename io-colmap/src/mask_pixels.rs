@@ -94,6 +94,15 @@ impl MaskPixels {
         reading.byte(value, self.is_wide())
     }
 
+    /// The same where no other file helps to tell how they are meant.
+    fn into_grey_alone(self) -> GreyImage {
+        let reading = match self.largest() {
+            0 | 1 | 255 => Reading::Bytes,
+            _ => Reading::Full,
+        };
+        self.into_grey(reading)
+    }
+
     /// All of them in black and white.
     pub(crate) fn into_grey(self, reading: Reading) -> GreyImage {
         match self {
@@ -110,17 +119,13 @@ impl MaskPixels {
 
 /// A mask file as it is, whatever its polarity: its alpha where that says something, else its brightness.
 ///
-/// What was stored in 16 bits without rescaling, such as labels, keeps its values.
+/// What was stored in 16 bits without rescaling keeps its values: masks of 255, and the labels 0 and 1. What is as dark
+/// throughout, but neither, is a matte with next to nothing in it, for all that one file can tell.
 ///
 /// # Errors
 /// [`ColmapError`] if the file cannot be read or decoded.
 pub fn read_mask(path: &Path) -> Result<GreyImage, ColmapError> {
-    let pixels = MaskPixels::of(&decode(path, MaskKind::Masks)?);
-    let reading = match pixels.largest() {
-        0..=255 => Reading::Bytes,
-        _ => Reading::Full,
-    };
-    Ok(pixels.into_grey(reading))
+    Ok(MaskPixels::of(&decode(path, MaskKind::Masks)?).into_grey_alone())
 }
 
 pub(crate) fn decode(path: &Path, kind: MaskKind) -> Result<DynamicImage, ColmapError> {
@@ -165,5 +170,11 @@ mod tests {
         assert_eq!(narrow(Reading::Bytes), [0, 1]);
         assert_eq!(narrow(Reading::Labels), [0, 255]);
         assert_eq!(wide([3, 300]).largest(), 300);
+        let alone = |values| wide(values).into_grey_alone().into_raw();
+        assert_eq!(alone([0, 1]), [0, 1]);
+        assert_eq!(alone([0, 255]), [0, 255]);
+        // Noise of a matte with nothing in it.
+        assert_eq!(alone([0, 200]), [0, 1]);
+        assert_eq!(alone([0, 65535]), [0, 255]);
     }
 }
