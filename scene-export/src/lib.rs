@@ -51,7 +51,7 @@ pub use draft::{Draft, Existing, RECORD};
 pub use error::{ExportError, UnknownWord};
 pub use ffmpeg::{Codec, Ffmpeg, Video};
 pub use mesh::Mesh;
-pub use picture::{Kind, Picture};
+pub use picture::{Kind, Picture, encoding_error};
 pub use product::{MaskTool, Product, Target};
 pub use run::{key_of, quoted};
 

@@ -105,7 +105,7 @@ impl Picture<'_> {
     /// # Errors
     /// [`ExportError::Io`].
     pub fn write(&self, draft: &Draft, name: &str) -> Result<(), ExportError> {
-        draft.write(name, |out| self.encode(out).map_err(io_error))
+        draft.write(name, |out| self.encode(out).map_err(encoding_error))
     }
 
     fn encode(&self, out: &mut impl Write) -> Result<(), EncodingError> {
@@ -127,8 +127,9 @@ impl Picture<'_> {
     }
 }
 
-/// What the operating system said, with its kind, by which the remedy is chosen and which `png`'s own conversion drops.
-fn io_error(error: EncodingError) -> io::Error {
+/// What the operating system said, with its kind, by which a remedy is chosen and which `png`'s own conversion drops.
+#[must_use]
+pub fn encoding_error(error: EncodingError) -> io::Error {
     match error {
         EncodingError::IoError(error) => error,
         other => other.into(),
@@ -168,7 +169,10 @@ mod tests {
             remark: "",
             bytes: &[7],
         };
-        let error = picture.encode(&mut Full).map_err(io_error).unwrap_err();
+        let error = picture
+            .encode(&mut Full)
+            .map_err(encoding_error)
+            .unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::StorageFull);
     }
 

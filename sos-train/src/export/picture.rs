@@ -4,7 +4,8 @@
 use super::ExportError;
 use crate::run_folder::RunFolder;
 use png::{BitDepth, ColorType, Compression, Encoder, EncodingError, SrgbRenderingIntent};
-use std::io::{self, Write};
+use scene_export::encoding_error;
+use std::io::Write;
 use std::path::Path;
 
 /// What the numbers of a picture mean.
@@ -31,7 +32,7 @@ pub(super) struct Picture<'a> {
 
 impl Picture<'_> {
     pub(super) fn write(&self, run: &RunFolder, path: &Path) -> Result<(), ExportError> {
-        Ok(run.write(path, |out| self.encode(out).map_err(io_error))?)
+        Ok(run.write(path, |out| self.encode(out).map_err(encoding_error))?)
     }
 
     fn encode(&self, out: &mut impl Write) -> Result<(), EncodingError> {
@@ -46,14 +47,6 @@ impl Picture<'_> {
         let mut writer = encoder.write_header()?;
         writer.write_image_data(self.bytes)?;
         writer.finish()
-    }
-}
-
-/// What the operating system said, with its kind, by which the remedy is chosen and which `png`'s own conversion drops.
-fn io_error(error: EncodingError) -> io::Error {
-    match error {
-        EncodingError::IoError(error) => error,
-        other => other.into(),
     }
 }
 
@@ -95,35 +88,4 @@ pub fn write_preview(
         bytes: rgb,
     }
     .write(run, &run.preview_path())
-}
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_full_disk_stays_a_full_disk() {
-        struct Full;
-        impl Write for Full {
-            fn write(&mut self, _: &[u8]) -> io::Result<usize> {
-                Err(io::ErrorKind::StorageFull.into())
-            }
-
-            fn flush(&mut self) -> io::Result<()> {
-                Ok(())
-            }
-        }
-        let picture = Picture {
-            width: 1,
-            height: 1,
-            kind: ColorType::Grayscale,
-            depth: BitDepth::Eight,
-            meaning: Meaning::Data,
-            remark: "",
-            bytes: &[7],
-        };
-        let error = picture.encode(&mut Full).map_err(io_error).unwrap_err();
-        assert_eq!(error.kind(), io::ErrorKind::StorageFull);
-    }
 }
