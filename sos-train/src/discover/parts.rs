@@ -1,7 +1,5 @@
 //! The parts that are left of a scene when its support is taken away.
 
-use std::collections::BTreeSet;
-
 use glam::Vec3;
 use scene_decomp::probability::ProbabilityMap;
 
@@ -293,7 +291,7 @@ impl Parts {
         (1..self.parts.len())
             .filter(|&i| self.parts[i].voxels >= LEAST_VOXELS)
             .max_by(|&a, &b| score(&self.parts[a]).total_cmp(&score(&self.parts[b])))
-            .map(|chosen| self.with_neighbours(&[chosen]))
+            .map(|chosen| self.with_neighbours(chosen))
     }
 
     /// All parts but crumbs.
@@ -320,11 +318,11 @@ impl Parts {
                 best = Some((distance, label));
             }
         }
-        best.map(|(_, label)| self.with_neighbours(&[label as usize]))
+        best.map(|(_, label)| self.with_neighbours(label as usize))
     }
 
-    /// The chosen parts with what holds them or is held by the same, and smaller ones close by: thin things come apart.
-    fn with_neighbours(&self, chosen: &[usize]) -> PartSet {
+    /// The chosen part with what holds it or is held by the same, and smaller ones close by: thin things come apart.
+    fn with_neighbours(&self, chosen: usize) -> PartSet {
         let whole = self.with_held(chosen);
         let voxels: usize = whole.iter().map(|&i| self.parts[i].voxels).sum();
         let is_beside = |part: &Part, main: &Part| {
@@ -341,17 +339,15 @@ impl Parts {
         self.set(&all)
     }
 
-    /// The chosen parts, what holds them, and what that holds besides.
-    fn with_held(&self, chosen: &[usize]) -> Vec<usize> {
-        let holders = chosen.iter().map(|&i| self.parts[i].holder);
-        let holders: BTreeSet<u32> = holders.collect();
-        let belongs = |&i: &usize| {
-            let part = &self.parts[i];
-            let holder = &self.parts[part.holder as usize];
-            let counts = !part.is_cut() && part.voxels as f32 > HELD * holder.voxels as f32;
-            chosen.contains(&i) || (counts && holders.contains(&part.holder))
-        };
-        (1..self.parts.len()).filter(belongs).collect()
+    /// The chosen part, what holds it, and what that holds besides.
+    fn with_held(&self, chosen: usize) -> Vec<usize> {
+        let holder = self.parts[chosen].holder;
+        let least = HELD * self.parts[holder as usize].voxels as f32;
+        let is_held =
+            |part: &Part| part.holder == holder && !part.is_cut() && part.voxels as f32 > least;
+        (1..self.parts.len())
+            .filter(|&i| i == chosen || is_held(&self.parts[i]))
+            .collect()
     }
 
     /// The voxels of some parts and those next to them that belong to no other.
