@@ -14,7 +14,7 @@ use super::region;
 use crate::config::TrainConfig;
 use crate::prepare::error::PrepareError;
 use crate::prepare::outline::{outline, silhouette};
-use crate::prepare::votes::ViewTrust;
+use crate::prepare::votes::{Quorum, ViewTrust};
 use crate::prepare::{Frame, Prepared, TrainView};
 use crate::train::Trainer;
 use crate::train::carve::depth::{DepthPicture, depth_pictures};
@@ -192,6 +192,7 @@ fn prepared(views: &[TrainView], frame: Frame, config: &TrainConfig) -> Prepared
         frame,
         map,
         outlines,
+        quorum: Quorum::OfAll,
         points: Vec::new(),
         notes: Vec::new(),
     }

@@ -5,7 +5,7 @@ use super::depth_range::DepthRange;
 use super::error::PrepareError;
 use super::frame::Frame;
 use super::view::TrainView;
-use super::votes::{Electorate, ViewTrust, vote_grid};
+use super::votes::{Electorate, Quorum, ViewTrust, vote_grid};
 use crate::config::PrepareConfig;
 use crate::median::median;
 use crate::voxels::{components, faces};
@@ -26,7 +26,7 @@ const CRUMB: f32 = 0.03;
 /// 0.22 in captures of an object, 0.37 where axes point 4 degrees off at random, 0.67 and more where they are as good as parallel.
 const CONVERGED: f64 = 0.55;
 
-/// The box, from masks. `points` are the model's sparse points, and may be none.
+/// The box, from masks. `points` are the model's sparse points, and may be none; `quorum` says which places are heard.
 ///
 /// The centre is the point closest to the rays through the masks' centroids; the size comes from
 /// their areas; then every voxel of a cube around it collects the masks' votes, and the box is
@@ -40,6 +40,7 @@ pub fn box_from_masks(
     views: &[TrainView],
     points: &[SparsePoint],
     config: &PrepareConfig,
+    quorum: Quorum,
 ) -> Result<Frame, PrepareError> {
     let outlines: Vec<Outline> = views.iter().filter_map(Outline::of).collect();
     if outlines.len() < 2 {
@@ -63,7 +64,6 @@ pub fn box_from_masks(
         ));
     };
     let trust = ViewTrust::all(views);
-    let depth = DepthRange::of(&outlines, centre, &Electorate::new(views, &trust), points);
     let cameras: Vec<DVec3> = views
         .iter()
         .map(|view| view.camera_from_world.centre())
@@ -72,9 +72,11 @@ pub fn box_from_masks(
         centre,
         half_side: SEARCH_RADII * radius,
     };
+    let electorate = Electorate::new(views, &frame, &trust, quorum);
+    let depth = DepthRange::of(&outlines, centre, &electorate, points);
     // Twice: the second time around what the first found, so that the grid is fine enough.
     for _ in 0..2 {
-        let mut votes = vote_grid(views, &frame, SEARCH_RESOLUTION, &trust);
+        let mut votes = vote_grid(views, &frame, SEARCH_RESOLUTION, &trust, quorum);
         if let Some(depth) = &depth {
             for (cell, vote) in votes.iter_mut().enumerate() {
                 let at = ProbabilityMap::centre(SEARCH_RESOLUTION, cell);
@@ -327,35 +329,9 @@ fn connected(votes: &[f32], threshold: f32) -> Vec<Set> {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use super::super::pixels::PixelStore;
-    use super::super::view::Lens;
+    use super::super::balls::{view, with_balls};
     use super::*;
     use glam::{DQuat, DVec3};
-    use io_colmap::{Camera, CameraModel, Pose};
-
-    /// A camera of 64x48 pixels without a mask.
-    fn view(centre: DVec3, forward: DVec3) -> TrainView {
-        let world_from_camera = Pose {
-            rotation: DQuat::from_rotation_arc(DVec3::Z, forward.normalize()),
-            translation: centre,
-        };
-        let store = PixelStore::new(&std::env::temp_dir());
-        TrainView {
-            name: "a.png".into(),
-            lens: Lens(Camera {
-                id: 1,
-                model: CameraModel::Pinhole,
-                width: 64,
-                height: 48,
-                params: vec![60.0, 60.0, 32.0, 24.0],
-            }),
-            camera_from_world: world_from_camera.inverse(),
-            photo: store.keep_photo(image::RgbImage::new(64, 48)).unwrap(),
-            mask: None,
-            ignored: None,
-            store,
-        }
-    }
 
     #[test]
     fn cameras_around_a_place_find_it_and_cameras_that_spread_say_so() {
@@ -407,23 +383,6 @@ mod tests {
         assert!(box_from_cameras(&towards).unwrap().centre.distance(target) < 1e-6);
     }
 
-    /// The same with the mask of balls: centres and radii.
-    fn with_balls(view: TrainView, balls: &[(DVec3, f64)]) -> TrainView {
-        let world_from_camera = view.camera_from_world.inverse();
-        let shows_ball = |x: u32, y: u32| {
-            let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-            let ray = view.lens.0.unproject(pixel).unwrap();
-            let ray = world_from_camera.transform_vector(ray).normalize();
-            balls.iter().any(|(centre, radius)| {
-                let to_ball = *centre - world_from_camera.translation;
-                to_ball.dot(ray) > 0.0 && to_ball.reject_from(ray).length() < *radius
-            })
-        };
-        let mask = |x, y| image::Luma([255 * u8::from(shows_ball(x, y))]);
-        let mask = image::GrayImage::from_fn(64, 48, mask);
-        view.with_mask(&mask).unwrap()
-    }
-
     #[test]
     fn an_object_of_two_pieces_is_whole_in_the_box() {
         let pieces = [(DVec3::ZERO, 0.5), (DVec3::new(0.0, 0.0, 0.9), 0.25)];
@@ -435,7 +394,7 @@ mod tests {
             })
             .collect();
         let config = crate::config::TrainConfig::default().prepare;
-        let frame = box_from_masks(&views, &[], &config).unwrap();
+        let frame = box_from_masks(&views, &[], &config, Quorum::OfAll).unwrap();
         for (centre, radius) in pieces {
             let off = (frame.centre - centre).abs().max_element();
             assert!(off + radius < frame.half_side, "{frame:?}");
@@ -460,7 +419,7 @@ mod tests {
             .collect();
         let config = crate::config::TrainConfig::default().prepare;
         let half = |points: &[SparsePoint]| {
-            let frame = box_from_masks(&views, points, &config).unwrap();
+            let frame = box_from_masks(&views, points, &config, Quorum::OfAll).unwrap();
             let off = (frame.centre - tilt * ball).abs().max_element();
             assert!(off + radius < frame.half_side, "holds the ball: {frame:?}");
             let holds = |view: &TrainView| {

@@ -80,7 +80,7 @@ impl Prepared {
             })
             .collect::<Result<Vec<TrainView>, PrepareError>>()?;
         let (frame, trust) = (&self.frame, &self.trust);
-        let votes = vote_grid(&views, frame, MAP_RESOLUTION, trust);
+        let votes = vote_grid(&views, frame, MAP_RESOLUTION, trust, self.quorum);
         let map = ProbabilityMap::new(MAP_RESOLUTION, votes);
         self.outlines = outlines(&views, frame, &map, trust, config, ignore_band);
         (self.views, self.map) = (views, map);

@@ -1,6 +1,9 @@
 //! From photos and rough masks to what training needs: box, probability map, labels.
 
+#[cfg(test)]
+mod balls;
 mod clearance;
+mod consensus;
 mod depth_range;
 #[cfg(test)]
 pub(crate) mod disc;
@@ -19,10 +22,10 @@ pub mod view;
 pub mod votes;
 
 use glam::Vec3;
-use image::GrayImage;
 use io_colmap::SparsePoint;
 use scene_decomp::probability::ProbabilityMap;
 
+pub use consensus::MaskConsensus;
 pub use frame::Frame;
 pub use outline::{Label, Outline, Vote};
 pub use view::TrainView;
@@ -30,7 +33,7 @@ pub use view::TrainView;
 use crate::config::PrepareConfig;
 use error::PrepareError;
 use mask::Mask;
-use votes::{ViewTrust, vote_grid};
+use votes::{Quorum, ViewTrust, vote_grid};
 
 /// Voxels per axis of m^P.
 pub(crate) const MAP_RESOLUTION: usize = 128;
@@ -52,67 +55,12 @@ pub struct Prepared {
     pub outlines: Vec<Outline>,
     /// How far each view's mask is believed.
     pub trust: ViewTrust,
+    /// Which places are heard when masks vote.
+    pub quorum: Quorum,
     /// Sparse points in the box, the object's and others, in the normalised frame.
     pub points: Vec<Vec3>,
     /// What a user should know about the choices made, a sentence each.
     pub notes: Vec<String>,
-}
-
-/// What all masks together say, coarsely, but enough to see which of them contradict the others.
-#[derive(Debug)]
-pub struct MaskConsensus {
-    /// Where they agree that the object is.
-    pub frame: Frame,
-    /// For each view, at an eighth of its size, the share of masks that take it for the object.
-    pub silhouettes: Vec<GrayImage>,
-    /// How far each view's own mask is believed.
-    pub trust: ViewTrust,
-}
-
-impl MaskConsensus {
-    /// Of the views that have a mask. `points` are the model's sparse points.
-    ///
-    /// # Errors
-    /// When they do not determine a box.
-    pub fn of(
-        views: &[TrainView],
-        points: &[SparsePoint],
-        config: &PrepareConfig,
-    ) -> Result<Self, PrepareError> {
-        const STRIDE: u32 = 8;
-        let frame = locate::box_from_masks(views, points, config)?;
-        let coarse = MAP_RESOLUTION / 2;
-        let votes = vote_grid(views, &frame, coarse, &ViewTrust::all(views));
-        let silhouettes = silhouettes(views, &frame, &ProbabilityMap::new(coarse, votes), STRIDE);
-        let trust = outline::trust_masks(views, &silhouettes, STRIDE, config.object_threshold);
-        Ok(Self {
-            frame,
-            silhouettes,
-            trust,
-        })
-    }
-
-    /// What to say about masks that are set aside, if there are any.
-    #[must_use]
-    pub fn note(&self, views: &[TrainView]) -> Option<String> {
-        let doubted: Vec<&str> = self.doubted(views).collect();
-        (!doubted.is_empty()).then(|| {
-            let says = match doubted.len() {
-                1 => "1 mask contradicts the others and is".to_owned(),
-                n => format!("{n} masks contradict the others and are"),
-            };
-            format!("{says} set aside: {}", doubted.join(", "))
-        })
-    }
-
-    /// The names of the views whose masks are set aside.
-    fn doubted<'a>(&self, views: &'a [TrainView]) -> impl Iterator<Item = &'a str> {
-        views
-            .iter()
-            .zip(&self.trust.0)
-            .filter(|(view, trust)| view.mask.is_some() && **trust < 0.5)
-            .map(|(view, _)| view.name.as_str())
-    }
 }
 
 /// Finds the object's box, lets the masks vote on space, and labels every pixel. `points` are the
@@ -148,8 +96,11 @@ pub fn prepare_with(
     ignore_band: f32,
 ) -> Result<Prepared, PrepareError> {
     let mut notes = Vec::new();
+    let quorum = consensus
+        .as_ref()
+        .map_or(Quorum::OfAll, |found| found.quorum);
     let (frame, map, trust) = if let Some(MaskConsensus { frame, trust, .. }) = consensus {
-        let votes = vote_grid(&views, &frame, MAP_RESOLUTION, &trust);
+        let votes = vote_grid(&views, &frame, MAP_RESOLUTION, &trust, quorum);
         (frame, ProbabilityMap::new(MAP_RESOLUTION, votes), trust)
     } else {
         notes.push(
@@ -189,6 +140,7 @@ pub fn prepare_with(
         map,
         outlines,
         trust,
+        quorum,
         notes,
     })
 }
@@ -213,17 +165,5 @@ fn outlines(
             let band = (0.5 * ignore_band * size).round().max(1.0) as u32;
             outline::outline(view, &silhouette, STRIDE, trust, band, config)
         })
-        .collect()
-}
-
-fn silhouettes(
-    views: &[TrainView],
-    frame: &Frame,
-    map: &ProbabilityMap,
-    stride: u32,
-) -> Vec<GrayImage> {
-    views
-        .iter()
-        .map(|view| outline::silhouette(view, frame, map, stride))
         .collect()
 }

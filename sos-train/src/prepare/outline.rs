@@ -189,14 +189,14 @@ pub fn candidates(
     candidates
 }
 
-/// How far each mask is believed: by its overlap with what the others say, relative to the median.
+/// How far each mask is believed: by its overlap with what the others say, relative to the median, which comes with it.
 #[must_use]
 pub fn trust_masks(
     views: &[TrainView],
     silhouettes: &[GrayImage],
     stride: u32,
     threshold: f32,
-) -> ViewTrust {
+) -> (ViewTrust, f32) {
     let limit = (255.0 * threshold) as u8;
     // Pixels of both, and of either.
     let overlaps: Vec<Option<(u32, u32)>> = views
@@ -224,20 +224,19 @@ pub fn trust_masks(
         .map(|(both, either)| *both as f32 / *either as f32)
         .collect();
     let middle = median(&mut known).unwrap_or(1.0).max(1e-3);
-    ViewTrust(
-        overlaps
-            .iter()
-            .map(|overlap| match overlap {
-                // Where all say that the object is not in the picture, nobody is contradicted.
-                Some((_, 0)) => 1.0,
-                Some((both, either)) => {
-                    let overlap = *both as f32 / *either as f32;
-                    ((overlap / middle - 0.5) / 0.3).clamp(0.0, 1.0)
-                }
-                None => 0.0,
-            })
-            .collect(),
-    )
+    let trust = overlaps
+        .iter()
+        .map(|overlap| match overlap {
+            // Where all say that the object is not in the picture, nobody is contradicted.
+            Some((_, 0)) => 1.0,
+            Some((both, either)) => {
+                let overlap = *both as f32 / *either as f32;
+                ((overlap / middle - 0.5) / 0.3).clamp(0.0, 1.0)
+            }
+            None => 0.0,
+        })
+        .collect();
+    (ViewTrust(trust), middle)
 }
 
 /// Labels of one view. `band` is half the width of the distrusted band along the own mask's edge.
