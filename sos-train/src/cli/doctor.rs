@@ -11,7 +11,7 @@ use crate::discover::Hint;
 use crate::doctor::{Location, estimate};
 use crate::error::{EXIT_FAILED_CHECK, EXIT_OK, InputError, sentence};
 use crate::prepare::view::{find_ignored, load_ignored, load_views};
-use crate::prepare::{TrainView, prepare_with};
+use crate::prepare::{KnownScene, TrainView, prepare_with};
 use crate::run_folder::{RunError, write_whole};
 use io_colmap::{ColmapError, MaskSet, Scene};
 use scene_doctor::{
@@ -247,13 +247,21 @@ fn none(source: &MaskSource, scene: &Path) -> Masks {
 
 /// What training will take; none where it cannot be prepared, which has then been said.
 fn measure(
-    views: Vec<TrainView>,
+    mut views: Vec<TrainView>,
     location: Location,
     scene: &Scene,
     config: &TrainConfig,
 ) -> Option<Cost> {
     let (points, band) = (&scene.model.points, config.loss.ignore_band);
-    let data = prepare_with(views, location.consensus, points, &config.prepare, band).ok()?;
+    if location.consensus.is_none() {
+        // The object will be looked for, few masks or none.
+        views.iter_mut().for_each(|view| view.mask = None);
+    }
+    let known = KnownScene {
+        consensus: location.consensus,
+        frame: None,
+    };
+    let data = prepare_with(views, known, points, &config.prepare, band).ok()?;
     estimate::measured(&config.settled(&scene.model), &data).ok()
 }
 

@@ -63,6 +63,15 @@ pub struct Prepared {
     pub notes: Vec<String>,
 }
 
+/// What is known of a scene before it is prepared.
+#[derive(Debug, Default)]
+pub struct KnownScene {
+    /// What the views' masks say together; found out where there are masks and it is not known.
+    pub consensus: Option<MaskConsensus>,
+    /// The box that a run lives in since its start.
+    pub frame: Option<Frame>,
+}
+
 /// Finds the object's box, lets the masks vote on space, and labels every pixel. `points` are the
 /// model's sparse points.
 ///
@@ -74,50 +83,49 @@ pub fn prepare(
     config: &PrepareConfig,
     ignore_band: f32,
 ) -> Result<Prepared, PrepareError> {
-    let masked = views.iter().any(|view| view.mask.is_some());
-    let consensus = masked
-        .then(|| MaskConsensus::of(&views, points, config))
-        .transpose()?;
-    let note = consensus.as_ref().and_then(|found| found.note(&views));
-    let mut data = prepare_with(views, consensus, points, config, ignore_band)?;
-    data.notes.splice(0..0, note);
-    Ok(data)
+    prepare_with(views, KnownScene::default(), points, config, ignore_band)
 }
 
-/// As [`prepare`], with what the views' masks say, which is known already; `None` where there are none.
+/// As [`prepare`], with what is known already.
 ///
 /// # Errors
-/// When there are no masks, and cameras do not determine a box.
+/// When masks or cameras do not determine a box that is not known.
 pub fn prepare_with(
     views: Vec<TrainView>,
-    consensus: Option<MaskConsensus>,
+    known: KnownScene,
     points: &[SparsePoint],
     config: &PrepareConfig,
     ignore_band: f32,
 ) -> Result<Prepared, PrepareError> {
     let mut notes = Vec::new();
-    let quorum = consensus
-        .as_ref()
-        .map_or(Quorum::OfAll, |found| found.quorum);
-    let (frame, map, trust) = if let Some(MaskConsensus { frame, trust, .. }) = consensus {
+    let mut consensus = known.consensus;
+    if consensus.is_none() && views.iter().any(|view| view.mask.is_some()) {
+        let found = MaskConsensus::of(&views, points, config)?;
+        notes.extend(found.note(&views));
+        consensus = Some(found);
+    }
+    let (frame, map, trust, quorum) = if let Some(found) = consensus {
+        let frame = known.frame.unwrap_or(found.frame);
+        let (trust, quorum) = (found.trust, found.quorum);
         let votes = vote_grid(&views, &frame, MAP_RESOLUTION, &trust, quorum);
-        (frame, ProbabilityMap::new(MAP_RESOLUTION, votes), trust)
+        let map = ProbabilityMap::new(MAP_RESOLUTION, votes);
+        (frame, map, trust, quorum)
     } else {
         notes.push(
             "no masks: the object is taken to be what stands where the cameras look".to_string(),
         );
-        let frame = locate::box_from_cameras(&views)?;
+        let frame = match known.frame {
+            Some(frame) => frame,
+            None => locate::box_from_cameras(&views)?,
+        };
         let ball = (0..MAP_RESOLUTION.pow(3))
             .map(|cell| {
                 let r = ProbabilityMap::centre(MAP_RESOLUTION, cell).length();
                 ((DEFAULT_BALL - r) * 4.0 + 0.5).clamp(0.0, 1.0)
             })
             .collect();
-        (
-            frame,
-            ProbabilityMap::new(MAP_RESOLUTION, ball),
-            ViewTrust(vec![0.0; views.len()]),
-        )
+        let map = ProbabilityMap::new(MAP_RESOLUTION, ball);
+        (frame, map, ViewTrust(vec![0.0; views.len()]), Quorum::OfAll)
     };
     notes.push(format!(
         "object box: centre ({:.4}, {:.4}, {:.4}), side {:.4} in the scene's unit",

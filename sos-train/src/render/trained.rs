@@ -2,13 +2,14 @@
 
 use super::rays::FrozenScene;
 use crate::prepare::view::{all_downscaled, find_ignored, load_ignored, load_views};
-use crate::prepare::{MaskConsensus, Prepared, prepare, prepare_with};
+use crate::prepare::{KnownScene, MaskConsensus, Prepared, prepare_with};
 use crate::report::ReportInputs;
 use crate::run_folder::{RunError, RunFolder};
 use crate::train::Trainer;
+use crate::train::checkpoint::frame_of;
 
 /// Reads a run's last checkpoint, and the photos and masks that it was trained on, which determine the
-/// frame it lives in.
+/// frame it lives in where the checkpoint is of a version that does not say.
 ///
 /// # Errors
 /// When there is no checkpoint, or photos or masks are gone.
@@ -39,10 +40,11 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
         factor => (all_downscaled(photos.clone(), factor)?, Some(photos)),
     };
     let band = config.loss.ignore_band;
-    let mut data = match consensus {
-        Some(consensus) => prepare_with(views, Some(consensus), points, sizes, band)?,
-        None => prepare(views, points, sizes, band)?,
+    let known = KnownScene {
+        consensus,
+        frame: frame_of(run)?,
     };
+    let mut data = prepare_with(views, known, points, sizes, band)?;
     let mut trainer = Trainer::new(&config, &data)?;
     trainer.load(run)?;
     data.correct_masks(trainer.mask_faults(), &config.prepare, band)?;

@@ -18,9 +18,9 @@ use serde::{Deserialize, Serialize};
 use super::Trainer;
 use super::agreement::Agreement;
 use super::contested::Contested;
-use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask_faults::MaskFaults;
+use crate::prepare::{Frame, Prepared};
 use crate::render::rays::FrozenScene;
 use crate::run_folder::RunFolder;
 
@@ -38,6 +38,9 @@ struct Numbers {
     hash: Hash,
     #[serde(default)]
     contested: Contested,
+    /// None where a checkpoint is of a version that does not say.
+    #[serde(default)]
+    frame: Option<Frame>,
 }
 
 const FIELDS: &str = "fields.bpk";
@@ -58,6 +61,16 @@ const MASK_FAULTS: &str = "mask_faults.json";
 /// When there is no checkpoint, or it cannot be read.
 pub fn step_of(run: &RunFolder) -> anyhow::Result<u32> {
     Ok(numbers_in(&folder_of(run))?.step)
+}
+
+/// The box that a run lives in; none where its checkpoint does not say.
+///
+/// It is not to be found anew: masks may have been mended since, and versions look for it in other ways.
+///
+/// # Errors
+/// When there is no checkpoint, or it cannot be read.
+pub fn frame_of(run: &RunFolder) -> anyhow::Result<Option<Frame>> {
+    Ok(numbers_in(&folder_of(run))?.frame)
 }
 
 /// Where a run's checkpoint is.
@@ -147,6 +160,7 @@ impl Trainer {
             background_adam_step: self.background_adam.steps(),
             hash: self.config().model.hash,
             contested: self.contested.clone(),
+            frame: Some(self.frame),
         };
         let faults = serde_json::to_vec(&self.mask_faults)?;
         fs::write(path(MASK_FAULTS), faults).map_err(|e| unwritable(&path(MASK_FAULTS), &e))?;

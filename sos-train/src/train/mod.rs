@@ -42,8 +42,8 @@ use scene_decomp::{Scene, Sharpness, SurfaceVotes};
 
 use crate::config::{Fields, ProbabilitySource, TrainConfig};
 use crate::device::DeviceKind;
-use crate::prepare::Prepared;
 use crate::prepare::mask_faults::MaskFaults;
+use crate::prepare::{Frame, Prepared};
 use adam::NetworkOptimiser;
 use agreement::Agreement;
 use ahead::Ahead;
@@ -75,6 +75,8 @@ const SHARPNESS_SLACK: f32 = 0.07;
 /// A run in progress.
 pub struct Trainer {
     context: StepContext,
+    /// The box of the scene.
+    frame: Frame,
     scene: Scene,
     sharpness: Sharpness,
     optimiser: NetworkOptimiser,

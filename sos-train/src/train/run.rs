@@ -8,6 +8,7 @@ use io_colmap::{MaskSet, Polarity};
 use rayon::prelude::*;
 
 use super::Trainer;
+use super::checkpoint::frame_of;
 use super::probes::Probes;
 use crate::device;
 use crate::discover::{Hint, find_object};
@@ -17,7 +18,7 @@ use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::live::{LiveView, Wish, attend};
 use crate::prepare::error::PrepareError;
 use crate::prepare::view::{all_downscaled, load_ignored, load_views};
-use crate::prepare::{MaskConsensus, Prepared, TrainView, prepare, prepare_with};
+use crate::prepare::{KnownScene, MaskConsensus, Prepared, TrainView, prepare_with};
 use crate::progress::{AtInterrupt, Progress, ProgressState};
 use crate::render::survey::Survey;
 use crate::render::view::render_view;
@@ -71,10 +72,12 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     AtInterrupt::SaveCheckpoint.announce();
     let (points, sizes) = (&job.scene.model.points, &job.config.prepare);
     let band = job.config.loss.ignore_band;
-    let mut data = match consensus {
-        Some(consensus) => prepare_with(views, Some(consensus), points, sizes, band)?,
-        None => prepare(views, points, sizes, band)?,
+    let frame = match job.resume {
+        true => frame_of(&job.run)?,
+        false => None,
     };
+    let known = KnownScene { consensus, frame };
+    let mut data = prepare_with(views, known, points, sizes, band)?;
     for note in &data.notes {
         progress.note(note);
     }
@@ -187,7 +190,7 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
     };
     let is_masked = views.iter().any(|view| view.mask.is_some());
     if consensus.is_none() && is_masked && Hint::of_few_masks(&views).is_none() {
-        // Of the photos as they are, as the checks have it: a run that goes on needs the same box.
+        // Of the photos as they are, as the checks have it.
         let found = MaskConsensus::of(&views, &job.scene.model.points, &job.config.prepare)?;
         if let Some(note) = found.note(&views) {
             progress.note(&note);

@@ -146,6 +146,7 @@ impl Trainer {
             grids = grids.with_object_density();
         }
         let mut trainer = Self {
+            frame: scene.frame,
             object_adam: table_adam(&object_layout, config),
             background_adam: table_adam(&background_layout, config),
             context: StepContext {

@@ -22,4 +22,5 @@ mod manual;
 mod report;
 mod results;
 mod run_folder;
+mod same_box;
 mod tiny;
