@@ -81,12 +81,17 @@ pub(crate) fn match_masks(
     }
     // Names may fit for some alone: of masks padded to three digits those of photo 100 and on.
     let numbered = by_number(photos, all_photos, masks);
-    Some(numbered.filter(|all| all.extends(&named)).unwrap_or(named))
+    let better = numbered.filter(|all| all.extends(&named) && all.count() > named.count());
+    Some(better.unwrap_or(named))
 }
 
 impl Matches {
     fn is_complete(&self) -> bool {
-        self.mask_of.iter().all(Option::is_some)
+        self.count() == self.mask_of.len()
+    }
+
+    fn count(&self) -> usize {
+        self.mask_of.iter().flatten().count()
     }
 
     /// Whether it has all pairs that `other` has.
@@ -365,6 +370,19 @@ mod tests {
                 &["mask_shot_1.png", "x2.png"]
             ),
             Some(vec![Some(0), Some(1)])
+        );
+    }
+
+    #[test]
+    fn missing_masks_do_not_turn_names_into_a_guess() {
+        let photos = ["IMG_001.jpg", "IMG_002.jpg", "IMG_003.jpg"];
+        let all = photos.map(str::to_owned);
+        let masks = ["IMG_001.png", "IMG_003.png"].map(str::to_owned);
+        let found = match_masks(&photos, &all, &masks, WHOLE).unwrap();
+        assert_eq!(found.mask_of, [Some(0), None, Some(1)]);
+        assert_eq!(
+            (found.how.as_str(), found.guess),
+            ("named like stem.png", None)
         );
     }
 
