@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::rays::FrozenScene;
 use crate::prepare::{Prepared, TrainView, outline};
+use crate::train::exposure::Exposures;
 
 /// Pixels between the rays of the survey.
 const STRIDE: u32 = 4;
@@ -41,6 +42,7 @@ struct CoarseView {
 #[derive(Clone, Debug)]
 pub struct Survey {
     views: Vec<CoarseView>,
+    exposures: Exposures,
 }
 
 impl Survey {
@@ -76,7 +78,10 @@ impl Survey {
             coarse.render(scene, view, &cells);
             done();
         }
-        Self { views }
+        Self {
+            views,
+            exposures: scene.exposures.clone(),
+        }
     }
 
     /// How many views saw the point that `ray` meets at `distance`, with the object not before it, in
@@ -92,11 +97,12 @@ impl Survey {
             .views
             .iter()
             .zip(&self.views)
-            .filter(|(view, coarse)| {
+            .enumerate()
+            .filter(|(number, (view, coarse))| {
                 view.project(world).is_some_and(|(pixel, _)| {
                     coarse.shows(point, pixel)
                         && !view.ignores(pixel.x as u32, pixel.y as u32)
-                        && agrees(&view.photo, pixel, colour)
+                        && agrees(&view.photo, pixel, self.exposures.as_taken(*number, colour))
                 })
             })
             .count();
