@@ -143,8 +143,8 @@ pub(crate) fn exposure(exam: &Exam) -> Finding {
         finding
     } else {
         finding.warn(
-            "lock exposure and white balance while taking photos; leave out what differs, or give each \
-             photo its own by --set model.exposure=photo: colours are taken to be the same in all",
+            "lock exposure and white balance while taking photos; leave out what differs: colours \
+             are taken to be the same in all",
         )
     }
 }

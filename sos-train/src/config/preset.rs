@@ -2,9 +2,8 @@
 
 use super::TrainConfig;
 use super::sections::{
-    AlphaSource, Blend, ColourLoss, ExportConfig, Exposure, Fields, Interpolation, LossConfig,
-    Majority, ModelConfig, PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig,
-    Transparency,
+    AlphaSource, Blend, ColourLoss, ExportConfig, Fields, Interpolation, LossConfig, Majority,
+    ModelConfig, PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
 };
 use hashgrid::{Hash, MomentPrecision, TableReads};
 use serde::{Deserialize, Serialize};
@@ -65,7 +64,6 @@ fn default() -> TrainConfig {
             probability: ProbabilitySource::Surface,
             majority: Majority::Fitted,
             blend: Blend::Sample,
-            exposure: Exposure::Same,
         },
         loss: LossConfig {
             colour: ColourLoss::Huber,
@@ -199,7 +197,6 @@ fn paper() -> TrainConfig {
             probability: ProbabilitySource::Hull,
             majority: Majority::Half,
             blend: Blend::Ray,
-            exposure: Exposure::Same,
         },
         loss: LossConfig {
             colour: ColourLoss::L2,

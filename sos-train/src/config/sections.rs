@@ -59,16 +59,6 @@ pub enum Blend {
     Sample,
 }
 
-/// Whether photos may differ in how bright they are and of which tint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Exposure {
-    /// One for all, as in the paper.
-    Same,
-    /// Each photo has a gain a channel (see `train::exposure`).
-    Photo,
-}
-
 /// How far a rendered colour is from the photo's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -142,8 +132,6 @@ pub struct ModelConfig {
     pub majority: Majority,
     /// How the two fields become one colour.
     pub blend: Blend,
-    /// Whether photos may differ in exposure and white balance.
-    pub exposure: Exposure,
 }
 
 impl ModelConfig {

@@ -58,9 +58,8 @@ pub fn panels(scene: &FrozenScene, data: &Prepared, index: usize, panel: u32) ->
             .map(|c| f32::from(c) / 255.0);
         put(0, i, Vec3::from(photo));
         put(1, i, Vec3::splat(hit.matte));
-        let as_taken = |colour| scene.exposures.as_taken(index, colour);
-        put(2, i, Vec3::splat(0.5).lerp(as_taken(hit.object), hit.matte));
-        put(3, i, as_taken(hit.background));
+        put(2, i, Vec3::splat(0.5).lerp(hit.object, hit.matte));
+        put(3, i, hit.background);
     }
     // The size fits by construction.
     RgbImage::from_raw(width, height, rgb).unwrap_or_default()

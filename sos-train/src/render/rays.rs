@@ -17,7 +17,6 @@ use super::semantic::with_shares;
 use crate::config::{AlphaSource, Blend, Fields, TrainConfig, Transparency};
 use crate::train::batch::{BatchMarcher, MarchedBatch, MarchedRays};
 use crate::train::blend::blend;
-use crate::train::exposure::Exposures;
 use crate::train::grids::FieldGrids;
 use crate::train::visible::{Alone, FrozenFields, Look, composite_config};
 
@@ -37,8 +36,6 @@ pub struct FrozenScene {
     pub config: TrainConfig,
     /// Steps trained.
     pub step: u32,
-    /// How each photo is exposed; the fields' colours are of the mean of all.
-    pub exposures: Exposures,
 }
 
 /// What a ray met. Colours are straight, sRGB in `[0, 1]`.

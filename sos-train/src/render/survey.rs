@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use super::rays::FrozenScene;
 use crate::prepare::{Prepared, TrainView, outline};
-use crate::train::exposure::Exposures;
 
 /// Pixels between the rays of the survey.
 const STRIDE: u32 = 4;
@@ -42,7 +41,6 @@ struct CoarseView {
 #[derive(Clone, Debug)]
 pub struct Survey {
     views: Vec<CoarseView>,
-    exposures: Exposures,
 }
 
 impl Survey {
@@ -78,10 +76,7 @@ impl Survey {
             coarse.render(scene, view, &cells);
             done();
         }
-        Self {
-            views,
-            exposures: scene.exposures.clone(),
-        }
+        Self { views }
     }
 
     /// How many views saw the point that `ray` meets at `distance`, with the object not before it, in
@@ -97,12 +92,11 @@ impl Survey {
             .views
             .iter()
             .zip(&self.views)
-            .enumerate()
-            .filter(|(number, (view, coarse))| {
+            .filter(|(view, coarse)| {
                 view.project(world).is_some_and(|(pixel, _)| {
                     coarse.shows(point, pixel)
                         && !view.ignores(pixel.x as u32, pixel.y as u32)
-                        && agrees(&view.photo, pixel, self.exposures.as_taken(*number, colour))
+                        && agrees(&view.photo, pixel, colour)
                 })
             })
             .count();

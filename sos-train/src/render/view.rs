@@ -111,11 +111,10 @@ pub fn render_view(
         alpha,
     };
     let normals = object_normals(scene, &rays, &rendered);
-    let as_taken = |colour| scene.exposures.as_taken(index, colour);
     // The object's own colour, which is known where the surface is; its outline may be the photo's.
     let object_colour = |i: usize| -> Option<Vec3> {
         let hit = rendered.get(hits[i] as usize)?;
-        (hit.object_opacity >= LEAST_OPACITY).then(|| as_taken(hit.object))
+        (hit.object_opacity >= LEAST_OPACITY).then_some(hit.object)
     };
     // Of a plate's own pixels, which each view is asked about: nearly all of the time that is not spent on rays.
     let plate_share = |i: usize| if ignored(i as u32) { 1.0 } else { reach[i] };
@@ -145,7 +144,7 @@ pub fn render_view(
         }
         let hit = &rendered[k];
         behind[i] = if plate_share(i) > 0.0 {
-            as_taken(hit.background).to_array()
+            hit.background.to_array()
         } else {
             photo.to_array()
         };
@@ -156,7 +155,7 @@ pub fn render_view(
             // The photo shows what is not to be learned from.
             own
         } else {
-            decontaminated(photo, own, as_taken(hit.background), out.alpha[i])
+            decontaminated(photo, own, hit.background, out.alpha[i])
         };
         out.foreground[i] = own.to_array();
         if hit.object_distance > 0.0 && out.alpha[i] > 0.05 {

@@ -18,7 +18,6 @@ use serde::{Deserialize, Serialize};
 use super::Trainer;
 use super::agreement::Agreement;
 use super::contested::Contested;
-use super::exposure::Exposures;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask_faults::MaskFaults;
 use crate::prepare::{Frame, Prepared};
@@ -42,8 +41,6 @@ struct Numbers {
     /// None where a checkpoint is of a version that does not say.
     #[serde(default)]
     frame: Option<Frame>,
-    #[serde(default)]
-    exposures: Exposures,
 }
 
 const FIELDS: &str = "fields.bpk";
@@ -104,7 +101,6 @@ impl Trainer {
             grids: (*self.grids).clone(),
             map: (*self.map).clone(),
             step: self.step,
-            exposures: self.exposures.clone(),
             config,
         }
     }
@@ -165,7 +161,6 @@ impl Trainer {
             hash: self.config().model.hash,
             contested: self.contested.clone(),
             frame: Some(self.frame),
-            exposures: self.exposures.clone(),
         };
         let faults = serde_json::to_vec(&self.mask_faults)?;
         fs::write(path(MASK_FAULTS), faults).map_err(|e| unwritable(&path(MASK_FAULTS), &e))?;
@@ -253,7 +248,6 @@ impl Trainer {
         self.rays = numbers.rays;
         self.mask_faults = faults;
         self.contested = numbers.contested;
-        self.exposures = numbers.exposures;
         self.rate_scale = numbers.rate_scale;
         self.outlook.forget();
         self.ahead.forget();

@@ -11,7 +11,6 @@ pub mod clock;
 mod contested;
 mod courier;
 pub mod distortion;
-pub mod exposure;
 mod gather;
 pub mod grids;
 pub mod ledger;
@@ -41,7 +40,7 @@ use neus_render::march::{Grids, MarchConfig};
 use scene_decomp::probability::ProbabilityMap;
 use scene_decomp::{Scene, Sharpness, SurfaceVotes};
 
-use crate::config::{Exposure, Fields, ProbabilitySource, TrainConfig};
+use crate::config::{Fields, ProbabilitySource, TrainConfig};
 use crate::device::DeviceKind;
 use crate::prepare::mask_faults::MaskFaults;
 use crate::prepare::{Frame, Prepared};
@@ -52,7 +51,6 @@ use batch::{MarchedBatch, Partition};
 use clock::{Phase, StepClock};
 use contested::Contested;
 use distortion::Spread;
-use exposure::Exposures;
 use grids::FieldGrids;
 use outlook::Outlook;
 use sampler::{RayBatch, Sampler};
@@ -99,7 +97,6 @@ pub struct Trainer {
     /// What geometry has shown to be wrong with the masks.
     mask_faults: MaskFaults,
     contested: Contested,
-    exposures: Exposures,
     sampler: Sampler,
     outlook: Outlook,
     ahead: Ahead,
@@ -182,9 +179,7 @@ impl Trainer {
             self.update_grids(schedule);
         }
         self.clock.lap(Phase::Grids);
-        self.compare_exposures(data);
-        let (mut batch, gathered) = self.collect(data);
-        self.exposures.even_out(&mut batch);
+        let (batch, gathered) = self.collect(data);
         // What is not split needs no m^P to split it.
         if both && config.model.probability == ProbabilitySource::Surface {
             self.vote(data, &gathered.votes);
@@ -316,22 +311,6 @@ impl Trainer {
         self.ahead.forget_grids();
         Arc::make_mut(&mut self.grids).allow(&map, crop);
         self.map = Arc::new(map);
-    }
-
-    /// Looks, every so often, how each photo is exposed beside the others.
-    fn compare_exposures(&mut self, data: &Prepared) {
-        let config = &self.context.config;
-        let due = self.step > 0 && self.step.is_multiple_of(exposure::EVERY);
-        if config.model.exposure == Exposure::Same || !due {
-            return;
-        }
-        let views = data.views.len();
-        // Other pixels than the step's own.
-        let batch = self
-            .sampler
-            .draw(data, !self.step, exposure::PIXELS * views);
-        let rendered = self.freeze().render(&batch.rays);
-        self.exposures.follow(&batch, &rendered, views);
     }
 
     /// Compares the batch's mattes with the masks, once there is an object to speak of.

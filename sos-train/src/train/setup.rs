@@ -10,7 +10,6 @@ use super::agreement::Agreement;
 use super::ahead::Ahead;
 use super::clock::StepClock;
 use super::contested::Contested;
-use super::exposure::Exposures;
 use super::grids::FieldGrids;
 use super::outlook::Outlook;
 use super::sampler::Sampler;
@@ -174,7 +173,6 @@ impl Trainer {
             agreement: Agreement::new(scene.views.len()),
             mask_contrasts: Vec::new(),
             mask_faults: MaskFaults::default(),
-            exposures: Exposures::default(),
             contested: Contested::default(),
             sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
             step: 0,
