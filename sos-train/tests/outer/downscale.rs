@@ -9,24 +9,7 @@ fn results_keep_the_size_of_the_photos() {
     crate::fabricated::SCENE
         .write(&dir.path().join("scene"))
         .unwrap();
-    let train = |more: &[&str]| {
-        let quick = [
-            "train",
-            "--out",
-            "run",
-            "--set",
-            "export.mesh_resolution=16",
-        ];
-        let output = Command::new(env!("CARGO_BIN_EXE_sos"))
-            .args([&quick[..], more].concat())
-            .current_dir(dir.path())
-            .output()
-            .unwrap();
-        (
-            output.status.code(),
-            String::from_utf8(output.stderr).unwrap(),
-        )
-    };
+    let train = |more: &[&str]| crate::tiny::train(dir.path(), more);
     let begin = [
         "scene",
         "--masks",

@@ -2,24 +2,11 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 
 /// What a training says of its box.
 fn boxed(dir: &Path, more: &[&str]) -> String {
-    let quick = [
-        "train",
-        "--out",
-        "run",
-        "--set",
-        "export.mesh_resolution=16",
-    ];
-    let output = Command::new(env!("CARGO_BIN_EXE_sos"))
-        .args([&quick[..], more].concat())
-        .current_dir(dir)
-        .output()
-        .unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(0), "{said}");
+    let (code, said) = crate::tiny::train(dir, more);
+    assert_eq!(code, Some(0), "{said}");
     let line = said.lines().find(|line| line.starts_with("object box:"));
     line.expect("a box").to_owned()
 }

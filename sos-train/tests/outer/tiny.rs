@@ -1,4 +1,4 @@
-//! Tables of runs that take a moment.
+//! Runs that take a moment.
 
 use std::path::Path;
 use std::process::Command;
@@ -27,4 +27,17 @@ pub(crate) fn table(dir: &Path, arguments: &[&str]) -> (Option<i32>, String, Str
         text(output.stdout),
         text(output.stderr),
     )
+}
+
+/// Exit code and standard error of `sos train ARGUMENTS` in `dir`, into `run` and with a coarse mesh.
+pub(crate) fn train(dir: &Path, arguments: &[&str]) -> (Option<i32>, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_sos"))
+        .args(["train", "--out", "run"])
+        .args(["--set", "export.mesh_resolution=16"])
+        .args(arguments)
+        .current_dir(dir)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    (output.status.code(), said)
 }
