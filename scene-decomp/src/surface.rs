@@ -23,7 +23,8 @@ pub enum InitialShape {
     Ball(f32),
     /// A hollow of this radius: positive inside, as a room is.
     Hollow(f32),
-    /// The same value everywhere: for a field that is read as a density.
+    /// The same value everywhere: for a field that is read as a density. Were it not, a seed could start with fog before
+    /// some of the cameras, which their photos would be painted on.
     Flat(f32),
 }
 
@@ -113,13 +114,11 @@ impl Surface {
             InitialShape::Flat(value) => (0.0, value),
         };
         let he = (2.0 / hidden as f32).sqrt();
-        let mut w2 = if sign == 0.0 {
+        if sign == 0.0 {
             w1 = random.normals(hidden * inputs, 0.0, (2.0 / inputs as f32).sqrt());
-            random.normals(hidden, 0.0, he)
-        } else {
-            let mean = (std::f32::consts::PI / hidden as f32).sqrt();
-            random.normals(hidden, sign * mean, 1e-4)
-        };
+        }
+        let mean = sign * (std::f32::consts::PI / hidden as f32).sqrt();
+        let mut w2 = random.normals(hidden, mean, 1e-4);
         w2.extend(random.normals(hidden * config.features, 0.0, he));
         let mut b2 = vec![0.0; 1 + config.features];
         b2[0] = if sign == 0.0 { radius } else { -sign * radius };

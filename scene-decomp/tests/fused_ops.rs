@@ -426,6 +426,22 @@ fn the_initial_surface_is_a_ball() {
 }
 
 #[test]
+fn a_flat_field_begins_with_one_value() {
+    let device = Device::flex();
+    let config = SurfaceConfig {
+        initial: InitialShape::Flat(2.0),
+        ..config()
+    };
+    let layout = Arc::new(GridLayout::new(&config.grid));
+    for seed in 0..4 {
+        let frozen = FrozenSurface::new(&Surface::new(&config, seed, &device), &layout, 5);
+        for value in frozen.distances_of(numbers(300, 41)) {
+            assert!((value - 2.0).abs() < 0.02, "seed {seed}: {value}");
+        }
+    }
+}
+
+#[test]
 fn no_points_give_no_rows() {
     let device = Device::flex().autodiff();
     let surface = surface(&device);
@@ -475,7 +491,11 @@ fn a_density_has_a_gradient_for_whoever_asks() {
         ..config()
     };
     let layout = Arc::new(GridLayout::new(&config.grid));
-    let frozen = FrozenSurface::new(&Surface::new(&config, 3, &device), &layout, 5);
+    let mut surface = Surface::new(&config, 3, &device);
+    // It begins with none: as if it had learnt.
+    let last = &mut surface.sdf[1];
+    last.weight = last.weight.clone().map(|weight| weight * 2e3);
+    let frozen = FrozenSurface::new(&surface, &layout, 5);
     let points = numbers(60, 8);
     let geometry = frozen.geometry(&points);
     let gradients = frozen.gradients_of(points.clone());
