@@ -7,7 +7,7 @@ use crate::mask_names::{Whole, match_masks};
 use crate::mask_pixels::{MaskPixels, Reading, decode};
 use crate::model::View;
 use crate::photo::PICTURE_ENDINGS;
-use crate::photo_likeness::is_like_photo;
+use crate::photo_likeness::{is_like_photo, refuse_photos};
 use crate::polarity::{Polarity, Share, decide};
 use crate::scene::{Scene, same_shape};
 use image::GrayImage;
@@ -125,7 +125,9 @@ impl MaskSet {
             .zip(views)
             .filter_map(|(path, view)| Some(look(path.as_ref()?, scene, view, kind)))
             .collect::<Result<_, _>>()?;
-        refuse_photos(place, &paths, &looks, kind)?;
+        let looked_at = paths.iter().flatten().zip(&looks);
+        let looked_at = looked_at.map(|(path, look)| (path, look.is_like_photo));
+        refuse_photos(place, &looked_at.collect::<Vec<_>>(), kind)?;
         let reading = reading_of(&paths, &looks);
         let shares: Vec<Share> = looks
             .iter()
@@ -393,7 +395,7 @@ fn look(path: &Path, scene: &Scene, view: &View, kind: MaskKind) -> Result<Look,
         size,
         largest: pixels.largest(),
         is_wide: pixels.is_wide(),
-        is_like_photo: !matches!(pixels, MaskPixels::Alpha(_)) && is_like_photo(&decoded),
+        is_like_photo: is_like_photo(&pixels, &decoded),
         shares: Reading::ALL.map(|reading| Share::of(size, |x, y| pixels.byte(x, y, reading))),
     })
 }
@@ -413,31 +415,6 @@ fn reading_of(paths: &[Option<PathBuf>], looks: &[Look]) -> Reading {
         Reading::Bytes
     } else {
         Reading::Full
-    }
-}
-
-/// They bear the right names too, where the wrong folder was named.
-fn refuse_photos(
-    place: &Path,
-    paths: &[Option<PathBuf>],
-    looks: &[Look],
-    kind: MaskKind,
-) -> Result<(), ColmapError> {
-    let looked_at = paths.iter().flatten().zip(looks);
-    let mut alike = looked_at.filter(|(_, look)| look.is_like_photo);
-    let count = alike.clone().count();
-    match alike.next() {
-        Some((first, _)) if 2 * count > looks.len() => Err(ColmapError::mask(
-            place,
-            format!(
-                "{count} of the {} {} are in many colours, such as {}, so they look like photos",
-                looks.len(),
-                kind.many(),
-                first.display()
-            ),
-            kind.remedy_for_photos(),
-        )),
-        _ => Ok(()),
     }
 }
 

@@ -1,7 +1,14 @@
 //! Whether a picture that is given as a mask is a photo.
 
-use image::{DynamicImage, GenericImageView as _};
 use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use image::{DynamicImage, GenericImageView as _};
+
+use crate::error::ColmapError;
+use crate::mask_kind::MaskKind;
+use crate::mask_pixels::{MaskPixels, decode};
+use crate::masks::MaskFiles;
 
 /// Looked at are no more than this many pixels a side.
 const GRID: u32 = 256;
@@ -18,8 +25,57 @@ const DRAWN_COLOURS: usize = 64;
 /// ... apart from this share of their coloured pixels, for JPEG adds colours along edges.
 const UNDRAWN: f64 = 0.1;
 
-/// Whether it is in many colours: masks are grey, or drawn in a few.
-pub(crate) fn is_like_photo(picture: &DynamicImage) -> bool {
+/// Of masks that are not read anyway, as many are looked at, here and there among them.
+const LOOKED_AT: usize = 9;
+
+impl MaskFiles {
+    /// Refuses photos that were taken for masks: they bear the right names too, where the wrong folder was named. Looks
+    /// into a few of the files of `dir`.
+    ///
+    /// # Errors
+    /// [`ColmapError`] where most of them look like photos, or one cannot be decoded.
+    pub fn refuse_photos(&self, dir: &Path) -> Result<(), ColmapError> {
+        let kind = MaskKind::Masks;
+        let paths: Vec<&PathBuf> = self.paths.iter().flatten().collect();
+        let every = paths.len().div_ceil(LOOKED_AT).max(1);
+        let looked_at = paths.into_iter().step_by(every).map(|path| {
+            let picture = decode(path, kind)?;
+            Ok((path, is_like_photo(&MaskPixels::of(&picture), &picture)))
+        });
+        refuse_photos(dir, &looked_at.collect::<Result<Vec<_>, _>>()?, kind)
+    }
+}
+
+/// Refuses the files of `place` if most of those looked at are like photos.
+pub(crate) fn refuse_photos(
+    place: &Path,
+    looked_at: &[(&PathBuf, bool)],
+    kind: MaskKind,
+) -> Result<(), ColmapError> {
+    let mut alike = looked_at.iter().filter(|(_, is_like_photo)| *is_like_photo);
+    let count = alike.clone().count();
+    match alike.next() {
+        Some((first, _)) if 2 * count > looked_at.len() => Err(ColmapError::mask(
+            place,
+            format!(
+                "{count} of the {} {} looked at are in many colours, such as {}, so they look like photos",
+                looked_at.len(),
+                kind.many(),
+                first.display()
+            ),
+            kind.remedy_for_photos(),
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Whether a mask is one of the colours of a photo: cut-outs, whose alpha counts, are not.
+pub(crate) fn is_like_photo(pixels: &MaskPixels, picture: &DynamicImage) -> bool {
+    !matches!(pixels, MaskPixels::Alpha(_)) && is_in_many_colours(picture)
+}
+
+/// Masks are grey, or drawn in a few.
+fn is_in_many_colours(picture: &DynamicImage) -> bool {
     if !picture.color().has_color() {
         return false;
     }
@@ -75,11 +131,11 @@ mod tests {
     #[test]
     fn photos_are_in_many_colours() {
         let picture = DynamicImage::from(photo());
-        assert!(is_like_photo(&picture));
-        assert!(is_like_photo(&as_jpeg(&picture)));
-        assert!(is_like_photo(&picture.to_rgb16().into()));
+        assert!(is_in_many_colours(&picture));
+        assert!(is_in_many_colours(&as_jpeg(&picture)));
+        assert!(is_in_many_colours(&picture.to_rgb16().into()));
         // Without colours they cannot be told from mattes.
-        assert!(!is_like_photo(&picture.to_luma8().into()));
+        assert!(!is_in_many_colours(&picture.to_luma8().into()));
     }
 
     #[test]
@@ -94,8 +150,8 @@ mod tests {
             Rgb([61, 97, 13].map(|step| label.wrapping_mul(step)))
         }));
         for mask in [&grey.to_rgb8().into(), &red, &labels] {
-            assert!(!is_like_photo(mask));
-            assert!(!is_like_photo(&as_jpeg(mask)));
+            assert!(!is_in_many_colours(mask));
+            assert!(!is_in_many_colours(&as_jpeg(mask)));
         }
     }
 }

@@ -29,6 +29,7 @@ pub(crate) fn write(
         ));
     }
     let files = MaskFiles::find(masks, &named_views(photos))?;
+    files.refuse_photos(masks)?;
     let as_stored = are_as_stored(photos, &files.paths);
     let black = photos
         .photos
@@ -220,6 +221,20 @@ mod tests {
         assert!(said.contains("c.png: the mask cannot be decoded"), "{said}");
         let said = write(&dir.path().join("x"), &set, &out).unwrap_err();
         assert!(said.to_string().contains("no such folder"));
+    }
+
+    #[test]
+    fn photos_are_no_masks() {
+        let (_dir, [photos, _, out]) = folders(&["b.png"]);
+        let colours = RgbImage::from_fn(16, 8, |x, y| {
+            image::Rgb([(15 * x) as u8, (30 * y) as u8, 80])
+        });
+        colours.save(photos.join("a.png")).unwrap();
+        colours.save(photos.join("b.png")).unwrap();
+        let set = PhotoSet::find(&photos).unwrap();
+        let said = write(&photos, &set, &out).unwrap_err().to_string();
+        assert!(said.contains("2 of the 2 masks looked at"), "{said}");
+        assert!(std::fs::read_dir(&out).unwrap().next().is_none());
     }
 
     #[test]

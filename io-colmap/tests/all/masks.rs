@@ -302,7 +302,7 @@ fn photos_are_not_taken_for_masks() {
         .unwrap_err()
         .to_string();
     assert!(
-        error.contains("images_4: 2 of the 3 masks are in many colours, such as ")
+        error.contains("images_4: 2 of the 3 masks looked at are in many colours, such as ")
             && error.contains("p0.png, so they look like photos; name the folder")
             && error.contains("--masks"),
         "{error}"

@@ -372,8 +372,9 @@ fn the_photos_themselves_are_no_masks_and_errors_name_what_lasts() {
         let error = import(dir.path(), &from(&dir.path().join(folder))).unwrap_err();
         let error = error.to_string();
         assert!(
-            error.contains(&format!("{folder}: 4 of the 4 masks are in many colours"))
-                && error.contains("--masks"),
+            error.contains(&format!(
+                "{folder}: 4 of the 4 masks looked at are in many colours"
+            )) && error.contains("--masks"),
             "{error}"
         );
     }
