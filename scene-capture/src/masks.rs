@@ -225,15 +225,17 @@ mod tests {
 
     #[test]
     fn photos_are_no_masks() {
-        let (_dir, [photos, _, out]) = folders(&["b.png"]);
+        let names = ["a.png", "b.png", "c.png"];
+        let (_dir, [photos, _, out]) = folders(&names);
         let colours = RgbImage::from_fn(16, 8, |x, y| {
             image::Rgb([(15 * x) as u8, (30 * y) as u8, 80])
         });
-        colours.save(photos.join("a.png")).unwrap();
-        colours.save(photos.join("b.png")).unwrap();
+        for name in names {
+            colours.save(photos.join(name)).unwrap();
+        }
         let set = PhotoSet::find(&photos).unwrap();
         let said = write(&photos, &set, &out).unwrap_err().to_string();
-        assert!(said.contains("2 of the 2 masks looked at"), "{said}");
+        assert!(said.contains("3 of the 3 masks looked at"), "{said}");
         assert!(std::fs::read_dir(&out).unwrap().next().is_none());
     }
 
