@@ -226,15 +226,16 @@ mod tests {
     #[test]
     fn photos_are_no_masks() {
         let names = ["a.png", "b.png", "c.png"];
-        let (_dir, [photos, _, out]) = folders(&names);
+        // Photos in a folder beside them, of the same names.
+        let (_dir, [photos, others, out]) = folders(&names);
         let colours = RgbImage::from_fn(16, 8, |x, y| {
             image::Rgb([(15 * x) as u8, (30 * y) as u8, 80])
         });
         for name in names {
-            colours.save(photos.join(name)).unwrap();
+            colours.save(others.join(name)).unwrap();
         }
         let set = PhotoSet::find(&photos).unwrap();
-        let said = write(&photos, &set, &out).unwrap_err().to_string();
+        let said = write(&others, &set, &out).unwrap_err().to_string();
         assert!(said.contains("3 of the 3 masks looked at"), "{said}");
         assert!(std::fs::read_dir(&out).unwrap().next().is_none());
     }
