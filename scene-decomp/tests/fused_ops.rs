@@ -6,7 +6,6 @@
 use std::sync::Arc;
 
 use burn::Tensor;
-use burn::module::Module;
 use burn::tensor::{Device, Gradients, TensorData};
 use hashgrid::{GridConfig, GridLayout};
 use scene_decomp::colour_field::{self, ColourFieldInputs, Reading, RowConfig};
@@ -398,45 +397,6 @@ fn sample_rows_equal_their_reference() {
             for (i, (a, b)) in kernel.1.iter().zip(&reference.1).enumerate().skip(1) {
                 assert_close(&format!("gradient {i}"), a, b, GRADIENT_TOLERANCE);
             }
-        }
-    }
-}
-
-#[test]
-fn the_initial_surface_is_a_ball() {
-    let device = Device::flex();
-    let config = SurfaceConfig {
-        beta: 100.0,
-        half_side: 1.0,
-        ..config()
-    };
-    let surface = Surface::new(&config, 1, &device);
-    let layout = Arc::new(GridLayout::new(&config.grid));
-    let (mut error, mut count) = (0.0, 0.0);
-    for p in numbers(300, 41).chunks_exact(3) {
-        let settings = surface.sdf_config(&layout, 5, None);
-        let out = values(surface.geometry(tensor(p.to_vec(), [1, 3], &device), settings));
-        let radius = p.iter().map(|v| v * v).sum::<f32>().sqrt();
-        error += (out[0] - (radius - 0.5)).abs();
-        count += 1.0;
-    }
-    // 64 random directions and weights give the length to about an eighth.
-    assert!(error / count < 0.15, "mean error {}", error / count);
-    assert!(surface.num_params() > 0);
-}
-
-#[test]
-fn a_flat_field_begins_with_one_value() {
-    let device = Device::flex();
-    let config = SurfaceConfig {
-        initial: InitialShape::Flat(2.0),
-        ..config()
-    };
-    let layout = Arc::new(GridLayout::new(&config.grid));
-    for seed in 0..4 {
-        let frozen = FrozenSurface::new(&Surface::new(&config, seed, &device), &layout, 5);
-        for value in frozen.distances_of(numbers(300, 41)) {
-            assert!((value - 2.0).abs() < 0.02, "seed {seed}: {value}");
         }
     }
 }
