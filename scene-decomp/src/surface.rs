@@ -23,9 +23,12 @@ pub enum InitialShape {
     Ball(f32),
     /// A hollow of this radius: positive inside, as a room is.
     Hollow(f32),
-    /// The same value everywhere: for a field that is read as a density. Were it not, a seed could start with fog before
-    /// some of the cameras, which their photos would be painted on.
+    /// The same value everywhere: for a field that is read as a density, so that it begins without fog before some of the
+    /// cameras, which their photos would be painted on.
     Flat(f32),
+    /// Values around this one, by a network of random weights: for densities that begin beside another, which nothing would
+    /// tell apart otherwise.
+    Uneven(f32),
 }
 
 /// The sizes of a surface.
@@ -111,14 +114,18 @@ impl Surface {
         let (sign, radius) = match config.initial {
             InitialShape::Ball(radius) => (1.0, radius),
             InitialShape::Hollow(radius) => (-1.0, radius),
-            InitialShape::Flat(value) => (0.0, value),
+            InitialShape::Flat(value) | InitialShape::Uneven(value) => (0.0, value),
         };
         let he = (2.0 / hidden as f32).sqrt();
         if sign == 0.0 {
             w1 = random.normals(hidden * inputs, 0.0, (2.0 / inputs as f32).sqrt());
         }
         let mean = sign * (std::f32::consts::PI / hidden as f32).sqrt();
-        let mut w2 = random.normals(hidden, mean, 1e-4);
+        let deviation = match config.initial {
+            InitialShape::Uneven(_) => he,
+            _ => 1e-4,
+        };
+        let mut w2 = random.normals(hidden, mean, deviation);
         w2.extend(random.normals(hidden * config.features, 0.0, he));
         let mut b2 = vec![0.0; 1 + config.features];
         b2[0] = if sign == 0.0 { radius } else { -sign * radius };
@@ -137,7 +144,10 @@ impl Surface {
             ],
             half_side: config.half_side,
             beta: config.beta,
-            flat: matches!(config.initial, InitialShape::Flat(_)),
+            flat: matches!(
+                config.initial,
+                InitialShape::Flat(_) | InitialShape::Uneven(_)
+            ),
             direction_degree: config.direction_degree,
         }
     }

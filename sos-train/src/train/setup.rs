@@ -87,6 +87,8 @@ pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
         ..GridConfig::default()
     };
     let semantic = model.fields == Fields::Semantic;
+    // Two densities that begin alike do not part. One field for the whole scene gains nothing by a flat start.
+    let by_surface = !semantic && model.foreground == Transparency::Sdf;
     SceneConfig {
         object_grid: grid.clone(),
         background_grid: grid,
@@ -95,14 +97,15 @@ pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
         background_features: model.background_features as usize + usize::from(semantic),
         object_initial: match model.foreground {
             Transparency::Sdf => InitialShape::Ball(0.5),
-            Transparency::Density => InitialShape::Flat(2.0),
+            Transparency::Density => InitialShape::Uneven(2.0),
         },
         // A field that is not split has no use for what splits it.
         background_extra: usize::from(!semantic),
         background_initial: match model.background {
             // Wide enough that cameras start in free space.
             Transparency::Sdf => InitialShape::Hollow(1.8),
-            Transparency::Density => InitialShape::Flat(2.0),
+            Transparency::Density if by_surface => InitialShape::Flat(2.0),
+            Transparency::Density => InitialShape::Uneven(2.0),
         },
         direction_degree: model.direction_degree,
         sharpness_start: config.schedule.sharpness_start,
