@@ -144,10 +144,7 @@ impl Surface {
             ],
             half_side: config.half_side,
             beta: config.beta,
-            flat: matches!(
-                config.initial,
-                InitialShape::Flat(_) | InitialShape::Uneven(_)
-            ),
+            flat: sign == 0.0,
             direction_degree: config.direction_degree,
         }
     }

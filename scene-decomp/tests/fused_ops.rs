@@ -447,15 +447,11 @@ fn a_density_has_a_gradient_for_whoever_asks() {
     let device = Device::flex();
     let config = SurfaceConfig {
         beta: 5.0,
-        initial: InitialShape::Flat(2.0),
+        initial: InitialShape::Uneven(2.0),
         ..config()
     };
     let layout = Arc::new(GridLayout::new(&config.grid));
-    let mut surface = Surface::new(&config, 3, &device);
-    // It begins with none: as if it had learnt.
-    let last = &mut surface.sdf[1];
-    last.weight = last.weight.clone().map(|weight| weight * 2e3);
-    let frozen = FrozenSurface::new(&surface, &layout, 5);
+    let frozen = FrozenSurface::new(&Surface::new(&config, 3, &device), &layout, 5);
     let points = numbers(60, 8);
     let geometry = frozen.geometry(&points);
     let gradients = frozen.gradients_of(points.clone());

@@ -6,6 +6,8 @@ use burn::tensor::Device;
 use hashgrid::{GridConfig, GridLayout};
 use scene_decomp::{FrozenSurface, InitialShape, Surface, SurfaceConfig};
 
+/// Levels of the grid, which hardly matters at the start.
+const LEVELS: usize = 2;
 /// Points along each side of a raster of the box.
 const SIDE: usize = 7;
 
@@ -13,10 +15,7 @@ const SIDE: usize = 7;
 fn distances(initial: InitialShape, seed: u64) -> impl Iterator<Item = ([f32; 3], f32)> {
     let config = SurfaceConfig {
         grid: GridConfig {
-            levels: 5,
-            base_resolution: 4,
-            finest_resolution: 40,
-            log2_table_size: 10,
+            levels: LEVELS,
             ..GridConfig::default()
         },
         hidden: 64,
@@ -30,7 +29,7 @@ fn distances(initial: InitialShape, seed: u64) -> impl Iterator<Item = ([f32; 3]
     };
     let surface = Surface::new(&config, seed, &Device::flex());
     let layout = Arc::new(GridLayout::new(&config.grid));
-    let frozen = FrozenSurface::new(&surface, &layout, 5);
+    let frozen = FrozenSurface::new(&surface, &layout, LEVELS);
     let at = |i: usize| 2.0 * i as f32 / (SIDE - 1) as f32 - 1.0;
     let points: Vec<[f32; 3]> = (0..SIDE.pow(3))
         .map(|i| [at(i % SIDE), at(i / SIDE % SIDE), at(i / SIDE / SIDE)])
