@@ -2,6 +2,7 @@
 
 use glam::DVec2;
 use io_colmap::{Camera, CameraModel};
+use nalgebra::{SMatrix, SVector};
 
 /// Error in pixels up to which a lens term that COLMAP lacks may be left out or replaced.
 const NEGLIGIBLE: f64 = 0.05;
@@ -132,31 +133,22 @@ impl Frame {
         let reach = self.reach(&factor);
         // With t in units of the largest, the columns of the system are alike.
         let largest = reach * reach;
-        let mut normal = [[0.0; 7]; 6];
+        let mut normal = SMatrix::<f64, 6, 6>::zeros();
+        let mut right = SVector::<f64, 6>::zeros();
         const SAMPLES: usize = 200;
         for i in 1..=SAMPLES {
             let s = (i as f64 / SAMPLES as f64).powi(2);
             let f = factor(s * largest);
-            let row = [
-                s,
-                s * s,
-                s * s * s,
-                -f * s,
-                -f * s * s,
-                -f * s * s * s,
-                f - 1.0,
-            ];
-            for a in 0..6 {
-                for b in 0..7 {
-                    normal[a][b] += s * row[a] * row[b];
-                }
-            }
+            let (s2, s3) = (s * s, s * s * s);
+            let row = SVector::from([s, s2, s3, -f * s, -f * s2, -f * s3]);
+            normal += s * row * row.transpose();
+            right += s * (f - 1.0) * row;
         }
         // Close to a polynomial the quotient is not unique; this picks a small one.
-        for (i, row) in normal.iter_mut().enumerate() {
-            row[i] += 1e-12 * SAMPLES as f64;
-        }
-        let scaled = solve(normal).ok_or("its distortion cannot be fitted")?;
+        normal += SMatrix::identity() * (1e-12 * SAMPLES as f64);
+        let scaled = normal.lu().solve(&right);
+        let scaled = scaled.ok_or("its distortion cannot be fitted")?;
+        let scaled = <[f64; 6]>::from(scaled);
         let quotient = |s: f64| {
             let cubic = |c: &[f64]| 1.0 + s * (c[0] + s * (c[1] + s * c[2]));
             cubic(&scaled[..3]) / cubic(&scaled[3..])
@@ -210,32 +202,6 @@ impl Frame {
         }
         if reach > 0.0 { reach } else { corner }
     }
-}
-
-/// Gauss' elimination with pivoting; the last column is the right-hand side.
-fn solve(mut rows: [[f64; 7]; 6]) -> Option<[f64; 6]> {
-    for column in 0..6 {
-        let pivot =
-            (column..6).max_by(|&a, &b| rows[a][column].abs().total_cmp(&rows[b][column].abs()))?;
-        rows.swap(column, pivot);
-        if rows[column][column] == 0.0 || !rows[column][column].is_finite() {
-            return None;
-        }
-        let (above, below) = rows.split_at_mut(column + 1);
-        let pivot = &above[column];
-        for row in below {
-            let times = row[column] / pivot[column];
-            for (value, by) in row.iter_mut().zip(pivot) {
-                *value -= times * by;
-            }
-        }
-    }
-    let mut solution = [0.0; 6];
-    for row in (0..6).rev() {
-        let known: f64 = (row + 1..6).map(|k| rows[row][k] * solution[k]).sum();
-        solution[row] = (rows[row][6] - known) / rows[row][row];
-    }
-    solution.iter().all(|v| v.is_finite()).then_some(solution)
 }
 
 #[cfg(test)]
