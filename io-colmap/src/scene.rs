@@ -3,10 +3,11 @@
 use crate::error::ColmapError;
 use crate::model::{Format, Model, View};
 use crate::photo::{PhotoHeader, read_photo};
+use crate::pose::Pose;
 use image::DynamicImage;
 use image::metadata::Orientation;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 /// Photo folders by name, in the order in which they are preferred.
@@ -124,6 +125,27 @@ impl Scene {
     /// [`ColmapError`] where there is no model or it is damaged.
     pub fn read_model(dir: &Path) -> Result<Model, ColmapError> {
         Ok(find_model(dir, &mut Vec::new())?.1)
+    }
+
+    /// Takes the poses of the model that lies in `dir`, where there is one, for photos of the same names; whether
+    /// there is one.
+    ///
+    /// # Errors
+    /// [`ColmapError`] where the model is damaged.
+    pub fn take_poses(&mut self, dir: &Path) -> Result<bool, ColmapError> {
+        if Format::of(dir).is_none() {
+            return Ok(false);
+        }
+        let model = Model::read(dir)?;
+        let poses: HashMap<&str, Pose> = (model.views.iter())
+            .map(|view| (view.name.as_str(), view.camera_from_world))
+            .collect();
+        for view in &mut self.model.views {
+            if let Some(pose) = poses.get(view.name.as_str()) {
+                view.camera_from_world = *pose;
+            }
+        }
+        Ok(true)
     }
 
     /// Where a view's photo lies.

@@ -53,7 +53,7 @@ pub use ffmpeg::{Codec, Ffmpeg, Video};
 pub use mesh::Mesh;
 pub use picture::{Kind, Picture, encoding_error};
 pub use product::{MaskTool, Product, Target};
-pub use run::{key_of, quoted};
+pub use run::{CAMERAS, key_of, quoted};
 
 use run::Run;
 use std::path::{Path, PathBuf};

@@ -9,6 +9,9 @@ use std::fs;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
+/// Folder of a run that refined its cameras: a COLMAP model with their poses.
+pub const CAMERAS: &str = "cameras";
+
 /// A run with at least one matte.
 #[derive(Debug)]
 pub(crate) struct Run {
@@ -210,9 +213,16 @@ impl Run {
         ExportError::bad(path, what, remedy)
     }
 
-    /// The COLMAP scene that the run was made from: where it is stated to be, else in the run's own
-    /// folder, if the run made it, else where `config.toml` says.
+    /// The COLMAP scene that the run was made from, with the poses that the run refined, if it did.
     pub(crate) fn scene(&self, stated: Option<&Path>) -> Result<Scene, ExportError> {
+        let mut scene = self.scene_as_given(stated)?;
+        scene.take_poses(&self.root.join(CAMERAS))?;
+        Ok(scene)
+    }
+
+    /// The scene: where it is stated to be, else in the run's own folder, if the run made it, else where `config.toml`
+    /// says.
+    fn scene_as_given(&self, stated: Option<&Path>) -> Result<Scene, ExportError> {
         if let Some(folder) = stated {
             return Ok(Scene::open(folder)?);
         }

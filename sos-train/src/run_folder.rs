@@ -23,8 +23,9 @@ use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Folders of one picture per view, with the ending of the files in them.
-const VIEW_FOLDERS: [(&str, &str); 8] = [
+const CAMERAS: &str = scene_export::CAMERAS;
+/// Folders of one picture per view and of refined cameras, with the ending of the files in them.
+const VIEW_FOLDERS: [(&str, &str); 9] = [
     ("alpha", "png"),
     ("foreground", "png"),
     ("background", "png"),
@@ -33,6 +34,7 @@ const VIEW_FOLDERS: [(&str, &str); 8] = [
     ("depth", "exr"),
     ("found_masks", "png"),
     ("uncertainty", "png"),
+    (CAMERAS, "bin"),
 ];
 const CHECKPOINT: &str = "checkpoint";
 const SCENE: &str = "scene";
@@ -305,6 +307,12 @@ impl RunFolder {
     #[must_use]
     pub fn uncertainty_dir(&self) -> PathBuf {
         self.root.join("uncertainty")
+    }
+
+    /// `cameras/`: a COLMAP model with the poses that the run refined; only where it did.
+    #[must_use]
+    pub fn cameras_dir(&self) -> PathBuf {
+        self.root.join(CAMERAS)
     }
 
     /// `checkpoint/`; while one is saved, `checkpoint.new/` and `checkpoint.old/` may lie beside it.

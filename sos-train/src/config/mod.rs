@@ -31,8 +31,9 @@ pub use error::ConfigError;
 pub use preset::Preset;
 pub use record::{InputRecord, MaskPolarity, RunRecord, Versions};
 pub use sections::{
-    AlphaSource, Blend, ColourLoss, ExportConfig, Fields, Interpolation, LossConfig, Majority,
-    ModelConfig, PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
+    AlphaSource, Blend, CameraRefinement, ColourLoss, ExportConfig, Fields, Interpolation,
+    LossConfig, Majority, ModelConfig, PrepareConfig, ProbabilitySource, SamplingConfig,
+    ScheduleConfig, Transparency,
 };
 
 use serde::{Deserialize, Serialize};

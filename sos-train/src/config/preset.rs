@@ -2,8 +2,9 @@
 
 use super::TrainConfig;
 use super::sections::{
-    AlphaSource, Blend, ColourLoss, ExportConfig, Fields, Interpolation, LossConfig, Majority,
-    ModelConfig, PrepareConfig, ProbabilitySource, SamplingConfig, ScheduleConfig, Transparency,
+    AlphaSource, Blend, CameraRefinement, ColourLoss, ExportConfig, Fields, Interpolation,
+    LossConfig, Majority, ModelConfig, PrepareConfig, ProbabilitySource, SamplingConfig,
+    ScheduleConfig, Transparency,
 };
 use hashgrid::{Hash, MomentPrecision, TableReads};
 use serde::{Deserialize, Serialize};
@@ -116,6 +117,7 @@ fn default() -> TrainConfig {
         },
         prepare: PrepareConfig {
             downscale: 1,
+            refine_cameras: CameraRefinement::Auto,
             hull_threshold: 0.25,
             object_threshold: 0.6,
             crop_threshold: 0.5,
@@ -222,6 +224,7 @@ fn paper() -> TrainConfig {
             ..base.schedule
         },
         prepare: PrepareConfig {
+            refine_cameras: CameraRefinement::Never,
             fit_masks: false,
             find_openings: false,
             ..base.prepare

@@ -91,6 +91,18 @@ pub enum Majority {
     Fitted,
 }
 
+/// Which cameras are moved to where their photos show them to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CameraRefinement {
+    /// None, as in the paper.
+    Never,
+    /// Those that seem to be off by more than the fields' own errors.
+    Auto,
+    /// All.
+    Always,
+}
+
 /// `[model]`: the fields and how their colours meet.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -257,6 +269,8 @@ pub struct SamplingConfig {
 pub struct PrepareConfig {
     /// Photos are trained on at this part of their size each way; results are of their own size.
     pub downscale: u32,
+    /// Whether cameras are aligned with the photos while the fields learn (see `train::cameras`).
+    pub refine_cameras: CameraRefinement,
     /// Share of the views seeing a point whose masks must agree for it to lie in the hull.
     pub hull_threshold: f32,
     /// The same for it to be the object's rather than the background's.

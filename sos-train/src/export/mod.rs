@@ -10,17 +10,20 @@
 //! | `depth/*.exr` | 32-bit float channel `Z`, along the optical axis in scene units; 0 where nothing is |
 //! | `found_masks/*.png` | rough masks that the run found by itself, 8-bit grey, white is the object |
 //! | `uncertainty/*.png` | where a matte should not be relied on, 8-bit grey, linear; 0 is sure |
+//! | `cameras/*.bin` | a COLMAP model with the poses that the run refined; only where it did |
 //! | `mesh.ply` | the object's surface in the scene's frame, with normals and vertex colours |
 //! | `log.jsonl` | one JSON object per line: [`LogRecord`]s and events |
 //!
 //! Normals are in the world frame, not the camera's, so that one colour means one direction in all
 //! views and a wrong pose shows.
 
+mod cameras;
 mod log;
 mod mesh;
 mod picture;
 mod view;
 
+pub use cameras::write_cameras;
 pub use log::{LogRecord, TrainLog, read_log};
 pub use mesh::{WorldMesh, write_mesh};
 pub use picture::write_preview;

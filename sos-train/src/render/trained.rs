@@ -48,11 +48,13 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     let mut trainer = Trainer::new(&config, &data)?;
     trainer.load(run)?;
     data.correct_masks(trainer.mask_faults(), &config.prepare, band)?;
+    trainer.place_cameras(&mut data);
     if let Some(photos) = photos {
         // Labels are of the size that was trained on, and no longer asked for.
         data.views = photos;
         data.given_masks.clear();
         data.outlines.clear();
+        trainer.place_cameras(&mut data);
     }
     Ok((trainer.freeze(), data))
 }

@@ -76,7 +76,8 @@ impl ReportInputs {
         } else {
             (masks_dir, input.polarity)
         };
-        let scene = Scene::open(&scene_dir)?;
+        let mut scene = Scene::open(&scene_dir)?;
+        scene.take_poses(&run.cameras_dir())?;
         let masks = masks_dir
             .as_deref()
             .map(|dir| MaskSet::find(dir, &scene, polarity.map(MaskPolarity::into)))

@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Trainer;
 use super::agreement::Agreement;
+use super::cameras::Cameras;
 use super::contested::Contested;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask_faults::MaskFaults;
@@ -38,6 +39,8 @@ struct Numbers {
     hash: Hash,
     #[serde(default)]
     contested: Contested,
+    #[serde(default)]
+    cameras: Cameras,
     /// None where a checkpoint is of a version that does not say.
     #[serde(default)]
     frame: Option<Frame>,
@@ -160,6 +163,7 @@ impl Trainer {
             background_adam_step: self.background_adam.steps(),
             hash: self.config().model.hash,
             contested: self.contested.clone(),
+            cameras: self.cameras.clone(),
             frame: Some(self.frame),
         };
         let faults = serde_json::to_vec(&self.mask_faults)?;
@@ -248,6 +252,7 @@ impl Trainer {
         self.rays = numbers.rays;
         self.mask_faults = faults;
         self.contested = numbers.contested;
+        self.cameras = numbers.cameras;
         self.rate_scale = numbers.rate_scale;
         self.outlook.forget();
         self.ahead.forget();
@@ -262,6 +267,7 @@ impl Trainer {
     pub fn recover(&mut self, run: &RunFolder, data: &Prepared) -> anyhow::Result<()> {
         let (scale, faults) = (self.rate_scale, self.mask_faults.clone());
         let contrasts = self.mask_contrasts.clone();
+        let cameras = self.cameras.clone();
         if run.has_checkpoint() {
             self.load(run)?;
         } else {
@@ -269,7 +275,8 @@ impl Trainer {
         }
         self.rate_scale = 0.5 * scale;
         self.mask_contrasts = contrasts;
-        // The masks stay as they have been corrected.
+        // Cameras and masks stay as they have been corrected.
+        self.cameras = cameras;
         self.mask_faults = faults;
         Ok(())
     }

@@ -5,6 +5,7 @@ pub mod agreement;
 mod ahead;
 pub mod batch;
 pub mod blend;
+mod cameras;
 pub mod carve;
 pub mod checkpoint;
 pub mod clock;
@@ -48,6 +49,7 @@ use adam::NetworkOptimiser;
 use agreement::Agreement;
 use ahead::Ahead;
 use batch::{MarchedBatch, Partition};
+use cameras::Cameras;
 use clock::{Phase, StepClock};
 use contested::Contested;
 use distortion::Spread;
@@ -97,6 +99,7 @@ pub struct Trainer {
     /// What geometry has shown to be wrong with the masks.
     mask_faults: MaskFaults,
     contested: Contested,
+    cameras: Cameras,
     sampler: Sampler,
     outlook: Outlook,
     ahead: Ahead,

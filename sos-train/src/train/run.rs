@@ -13,7 +13,9 @@ use super::probes::Probes;
 use crate::device;
 use crate::discover::{Hint, find_object};
 use crate::doctor::admission::{Admission, admit};
-use crate::export::{LogRecord, TrainLog, read_log, write_found_mask, write_mesh, write_view};
+use crate::export::{
+    LogRecord, TrainLog, read_log, write_cameras, write_found_mask, write_mesh, write_view,
+};
 use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::live::{LiveView, Wish, attend};
 use crate::prepare::error::PrepareError;
@@ -90,6 +92,7 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     let mut earlier_seconds = 0.0;
     if job.resume {
         earlier_seconds = trainer.load(&job.run)?;
+        trainer.place_cameras(&mut data);
         data.correct_masks(trainer.mask_faults(), sizes, band)?;
         log = Some(TrainLog::resume(&job.run, trainer.step_number())?);
     }
@@ -138,7 +141,11 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     if let Some(note) = job.run.forget_verdicts()? {
         progress.note(&note);
     }
-    let data = at_full_size(data, job)?;
+    let mut data = at_full_size(data, job)?;
+    trainer.place_cameras(&mut data);
+    if trainer.has_moved_cameras() {
+        write_cameras(&job.run, &job.scene.model, &data.views)?;
+    }
     if !export(job, &trainer, &data, &progress, &mut log)? {
         // The last checkpoint has everything: a resumed run goes straight to the pictures.
         let step = trainer.step_number();
@@ -308,6 +315,7 @@ fn train(
         let edges = trainer.contrast_note(data);
         for note in faults
             .into_iter()
+            .chain(trainer.refine_cameras(data)?)
             .chain(trainer.majority_note())
             .chain(trainer.contested_note(data))
             .chain(edges)

@@ -70,6 +70,12 @@ impl Sampler {
         }
     }
 
+    /// Takes the cameras to be where they are now.
+    pub fn look_from(&mut self, scene: &Prepared) {
+        let views = scene.views.iter();
+        self.poses = views.map(|v| v.world_from_camera(&scene.frame)).collect();
+    }
+
     /// The batch of `step`.
     #[must_use]
     pub fn draw(&self, scene: &Prepared, step: u32, rays: usize) -> RayBatch {

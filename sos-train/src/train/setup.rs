@@ -8,6 +8,7 @@ use scene_decomp::{InitialShape, Scene, SceneConfig, Sharpness, SurfaceVotes};
 use super::adam::NetworkOptimiser;
 use super::agreement::Agreement;
 use super::ahead::Ahead;
+use super::cameras::Cameras;
 use super::clock::StepClock;
 use super::contested::Contested;
 use super::grids::FieldGrids;
@@ -177,6 +178,7 @@ impl Trainer {
             mask_contrasts: Vec::new(),
             mask_faults: MaskFaults::default(),
             contested: Contested::default(),
+            cameras: Cameras::default(),
             sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
             step: 0,
             rays: config.sampling.rays as f32,

@@ -1,0 +1,192 @@
+//! Cameras that are not quite where they are said to be.
+//!
+//! Poses of a phone's tracking, of a rolling shutter or of a model without lens distortion miss by pixels. Fields that learn
+//! from them are blurred, and so are outlines. So photos are aligned with what the fields have learnt from all of them
+//! together, now and then, and cameras move by what that tells ([`alignment`]). Where cameras are right, moving them
+//! would only follow the fields' own errors: they move where a first look finds them off by more than those.
+
+mod alignment;
+mod gauge;
+mod landmarks;
+
+use io_colmap::Pose;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::Trainer;
+use crate::config::CameraRefinement;
+use crate::median::median;
+use crate::prepare::error::PrepareError;
+use crate::prepare::{Prepared, TrainView};
+use alignment::{Alignment, align};
+use landmarks::{Reduced, landmarks};
+
+/// Alignments are this share of the run apart; numbers of the first and the last.
+const EVERY: f32 = 0.05;
+const ROUNDS: std::ops::RangeInclusive<u32> = 3..=17;
+/// Rounds in which cameras are looked at that are not known to be off: what has learnt little in the first one tells little.
+const LOOKS: [u32; 2] = [3, 5];
+/// Up to this round blurred outlines are aligned, in photos whose longer side has about so many pixels.
+const COARSE_ROUNDS: u32 = 8;
+const COARSE_SIDE: f32 = 400.0;
+/// The same for the rounds after that.
+const FINE_SIDE: f32 = 800.0;
+/// The median shift, in coarse pixels, from which on all cameras are taken to be off. Of cameras that are right
+/// (docs/decisions.md) fields in the making make 0.05 to 0.15.
+const OFF: f64 = 0.25;
+/// A camera among others that are right is off from this shift on.
+const OFF_ALONE: f64 = 0.75;
+/// No camera moves by more at once: what seems to be so far off is something else.
+const LARGEST_SHIFT: f64 = 12.0;
+
+/// What has become of the cameras.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Cameras {
+    /// For each view whether its camera moves; empty while none does.
+    moving: Vec<bool>,
+    /// Of all views, once one has moved; otherwise they are as given.
+    poses: Vec<Pose>,
+}
+
+impl Cameras {
+    /// Decides which cameras move by what a look at all says.
+    fn decide(&mut self, shifts: &[f64], wanted: CameraRefinement) {
+        let all = match wanted {
+            CameraRefinement::Always => true,
+            CameraRefinement::Never => false,
+            CameraRefinement::Auto => median(&mut shifts.to_vec()).is_some_and(|shift| shift > OFF),
+        };
+        let alone = wanted == CameraRefinement::Auto;
+        let moves = |shift: &f64| all || (alone && *shift > OFF_ALONE);
+        if shifts.iter().any(moves) {
+            self.moving = shifts.iter().map(moves).collect();
+        }
+    }
+}
+
+impl Trainer {
+    /// Aligns cameras with the photos when that is due. Returns what people should know.
+    ///
+    /// # Errors
+    /// [`PrepareError::Store`] when there is no room for smaller photos.
+    pub fn refine_cameras(&mut self, data: &mut Prepared) -> Result<Option<String>, PrepareError> {
+        let wanted = self.config().prepare.refine_cameras;
+        let stride = (EVERY * self.config().steps as f32) as u32;
+        if wanted == CameraRefinement::Never || stride == 0 || !self.step.is_multiple_of(stride) {
+            return Ok(None);
+        }
+        let round = self.step / stride;
+        let first = self.cameras.moving.is_empty();
+        if !ROUNDS.contains(&round) || (first && !LOOKS.contains(&round)) {
+            return Ok(None);
+        }
+        let coarse = round <= COARSE_ROUNDS;
+        let found = self.alignments(data, if coarse { COARSE_SIDE } else { FINE_SIDE })?;
+        if first {
+            let shifts: Vec<f64> = found.iter().map(|found| found.alignment.shift).collect();
+            self.cameras.decide(&shifts, wanted);
+        }
+        let moving = self.cameras.moving.clone();
+        if moving.is_empty() {
+            return Ok(None);
+        }
+        let before: Vec<Pose> = data
+            .views
+            .iter()
+            .map(|view| view.camera_from_world)
+            .collect();
+        let mut poses = before.clone();
+        for ((pose, found), moves) in poses.iter_mut().zip(&found).zip(&moving) {
+            if *moves && found.alignment.shift < LARGEST_SHIFT {
+                let moved = found.alignment.motion;
+                *pose = Pose {
+                    rotation: (moved.rotation * pose.rotation).normalize(),
+                    // Camera space of the normalised frame has another unit.
+                    translation: moved.rotation * pose.translation
+                        + moved.translation * data.frame.half_side,
+                };
+            }
+        }
+        if !moving.contains(&false) {
+            gauge::keep_in_place(&mut poses, &before, data.frame.centre);
+        }
+        self.cameras.poses = poses;
+        self.place_cameras(data);
+        Ok(first.then(|| note(&moving, &found, wanted)))
+    }
+
+    /// Puts the cameras of `data` where they have been moved to, if they have.
+    pub fn place_cameras(&mut self, data: &mut Prepared) {
+        for (view, pose) in data.views.iter_mut().zip(&self.cameras.poses) {
+            view.camera_from_world = *pose;
+        }
+        self.sampler.look_from(data);
+        self.ahead.forget();
+    }
+
+    /// Whether any camera has been moved.
+    #[must_use]
+    pub fn has_moved_cameras(&self) -> bool {
+        !self.cameras.poses.is_empty()
+    }
+
+    /// What each photo says about its camera, at the size with about `side` pixels along its longer side.
+    fn alignments(&self, data: &Prepared, side: f32) -> Result<Vec<Found>, PrepareError> {
+        let scene = self.freeze();
+        let (seed, step) = (self.config().seed, self.step);
+        (0..data.views.len())
+            .into_par_iter()
+            .map(|number| {
+                let full = &data.views[number];
+                let factor = factor(full, side);
+                let smaller = (factor > 1).then(|| full.downscaled(factor)).transpose()?;
+                let view = smaller.as_ref().unwrap_or(full);
+                let reduced = Reduced {
+                    view,
+                    factor,
+                    candidates: &data.outlines[number].candidates,
+                    width: full.width(),
+                };
+                let seed = seed ^ (number as u64).rotate_left(40);
+                let landmarks = landmarks(&scene, &data.frame, &reduced, seed, step);
+                let alignment = align(view, &landmarks).unwrap_or(Alignment::NONE);
+                Ok(Found { alignment, factor })
+            })
+            .collect()
+    }
+}
+
+/// What one photo says about its camera.
+#[derive(Clone, Copy, Debug)]
+struct Found {
+    /// In pixels of the size it was aligned at.
+    alignment: Alignment,
+    /// The photo's pixels along one of those.
+    factor: u32,
+}
+
+/// The photo's pixels along one of a photo with about `side`.
+fn factor(view: &TrainView, side: f32) -> u32 {
+    let longer = view.width().max(view.height()) as f32;
+    (longer / side).round().max(1.0) as u32
+}
+
+fn note(moving: &[bool], found: &[Found], wanted: CameraRefinement) -> String {
+    let count = moving.iter().filter(|moves| **moves).count();
+    let mut pixels: Vec<f64> = (found.iter().zip(moving))
+        .filter(|(_, moves)| **moves)
+        .map(|(found, _)| found.alignment.shift * f64::from(found.factor))
+        .collect();
+    let pixels = median(&mut pixels).unwrap_or(0.0);
+    let (seem, cameras) = match (count, moving.len()) {
+        (1, all) => ("seems", format!("the camera of 1 of {all} photos")),
+        (count, all) if count == all => ("seem", format!("the cameras of all {all} photos")),
+        (count, all) => ("seem", format!("the cameras of {count} of {all} photos")),
+    };
+    let why = match wanted {
+        CameraRefinement::Always => "refined as asked for".to_owned(),
+        _ => "refined from here on (--set prepare.refine_cameras=never leaves them as they are)"
+            .to_owned(),
+    };
+    format!("{cameras} {seem} to be off by {pixels:.1} pixels: {why}")
+}
