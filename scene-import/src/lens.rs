@@ -147,6 +147,8 @@ impl Frame {
         // Close to a polynomial the quotient is not unique; this picks a small one.
         normal += SMatrix::identity() * (1e-12 * SAMPLES as f64);
         let scaled = normal.lu().solve(&right);
+        let finite = |scaled: &SVector<f64, 6>| scaled.iter().all(|v| v.is_finite());
+        let scaled = scaled.filter(finite);
         let scaled = scaled.ok_or("its distortion cannot be fitted")?;
         let scaled = <[f64; 6]>::from(scaled);
         let quotient = |s: f64| {

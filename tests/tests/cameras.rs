@@ -10,9 +10,9 @@ use sos_train::prepare::{Prepared, TrainView, prepare};
 use sos_train::run_folder::{Existing, RunFolder};
 use sos_train::train::Trainer;
 
-fn config(refinement: &str) -> TrainConfig {
+fn config(refinement: &str, steps: u32) -> TrainConfig {
     let mut config = TrainConfig::preset(Preset::Quick);
-    config.steps = 1000;
+    config.steps = steps;
     for setting in [
         "model.levels=8",
         "model.log2_table_size=13",
@@ -70,12 +70,12 @@ fn error(data: &Prepared, truth: &[Pose]) -> f64 {
 
 #[test]
 fn cameras_that_are_off_are_put_right_and_a_checkpoint_knows_where() {
-    let config = config("always");
+    let config = config("always", 1000);
     let (mut data, truth) = scene_with_errors(&config, 0.6);
     let before = error(&data, &truth);
     let mut trainer = Trainer::new(&config, &data).unwrap();
     let mut notes = Vec::new();
-    while trainer.step_number() < 400 {
+    while trainer.step_number() < 360 {
         notes.extend(trainer.refine_cameras(&mut data).unwrap());
         trainer.step(&data);
     }
@@ -101,10 +101,10 @@ fn cameras_that_are_off_are_put_right_and_a_checkpoint_knows_where() {
 
 #[test]
 fn cameras_that_are_right_stay_where_they_are() {
-    let config = config("auto");
+    let config = config("auto", 400);
     let (mut data, truth) = scene_with_errors(&config, 0.0);
     let mut trainer = Trainer::new(&config, &data).unwrap();
-    while trainer.step_number() < 260 {
+    while trainer.step_number() < 110 {
         assert_eq!(trainer.refine_cameras(&mut data).unwrap(), None);
         trainer.step(&data);
     }

@@ -154,3 +154,22 @@ fn cameras_are_scaled_to_their_photos() {
         "who fits keeps the number"
     );
 }
+
+#[test]
+fn poses_of_another_model_are_taken_by_name() {
+    let dir = tempfile::tempdir().unwrap();
+    write_scene(dir.path(), &small(&["a.png", "b.png"]));
+    let mut scene = Scene::open(dir.path()).unwrap();
+    let given = scene.model.views.clone();
+    let moved = dir.path().join("moved");
+    assert!(!scene.take_poses(&moved).unwrap());
+    let mut other = small(&["b.png", "c.png"]);
+    other.views[0].camera_from_world.translation.x += 0.5;
+    other.write_binary(&moved).unwrap();
+    assert!(scene.take_poses(&moved).unwrap());
+    let views = &scene.model.views;
+    assert_eq!(views[0], given[0]);
+    assert_eq!(views[1].camera_from_world, other.views[0].camera_from_world);
+    fs::write(moved.join("images.bin"), b"cut off").unwrap();
+    assert!(scene.take_poses(&moved).is_err());
+}

@@ -190,3 +190,43 @@ fn note(moving: &[bool], found: &[Found], wanted: CameraRefinement) -> String {
     };
     format!("{cameras} {seem} to be off by {pixels:.1} pixels: {why}")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn moving(shifts: &[f64], wanted: CameraRefinement) -> Vec<bool> {
+        let mut cameras = Cameras::default();
+        cameras.decide(shifts, wanted);
+        cameras.moving
+    }
+
+    #[test]
+    fn cameras_move_where_most_are_off_or_one_is_by_far() {
+        use CameraRefinement::{Always, Auto, Never};
+        let (right, off, far) = (0.5 * OFF, 1.5 * OFF, 1.5 * OFF_ALONE);
+        assert!(moving(&[right; 5], Auto).is_empty());
+        assert_eq!(moving(&[right, off, off, off, right], Auto), [true; 5]);
+        let one = [false, true, false, false, false];
+        assert_eq!(moving(&[right, far, off, right, right], Auto), one);
+        assert_eq!(moving(&[right; 5], Always), [true; 5]);
+        assert!(moving(&[far; 5], Never).is_empty());
+    }
+
+    #[test]
+    fn a_note_says_how_many_cameras_are_off() {
+        let found = [0.1, 2.0, 0.1].map(|shift| Found {
+            alignment: Alignment {
+                shift,
+                ..Alignment::NONE
+            },
+            factor: 2,
+        });
+        let said = note(&[false, true, false], &found, CameraRefinement::Auto);
+        let begin = "the camera of 1 of 3 photos seems to be off by 4.0 pixels: ";
+        assert!(said.starts_with(begin), "{said}");
+        let said = note(&[true; 3], &found, CameraRefinement::Always);
+        let begin = "the cameras of all 3 photos seem to be off by 0.2 pixels: ";
+        assert!(said.starts_with(begin), "{said}");
+    }
+}
