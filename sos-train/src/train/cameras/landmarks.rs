@@ -42,7 +42,7 @@ pub(super) fn landmarks(
     let mut random = step_random(seed, step);
     let (last_x, last_y) = (view.width() - 1, view.height() - 1);
     let mut draw = |i: usize| {
-        if i % 2 == 0 && !candidates.is_empty() {
+        if i.is_multiple_of(2) && !candidates.is_empty() {
             let pixel = candidates.nth(random.random_range(0..candidates.len()));
             let (x, y) = (pixel % width / factor, pixel / width / factor);
             (x.min(last_x), y.min(last_y))
