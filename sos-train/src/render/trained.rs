@@ -47,8 +47,8 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     let mut data = prepare_with(views, known, points, sizes, band)?;
     let mut trainer = Trainer::new(&config, &data)?;
     trainer.load(run)?;
-    data.correct_masks(trainer.mask_faults(), &config.prepare, band)?;
     trainer.place_cameras(&mut data);
+    data.correct_masks(trainer.mask_faults(), &config.prepare, band)?;
     if let Some(photos) = photos {
         // Labels are of the size that was trained on, and no longer asked for.
         data.views = photos;

@@ -1,12 +1,13 @@
 //! Where a photo's colours change, and what the fields have there.
 
 use glam::Vec2;
+use neus_render::rays::Ray;
 use rand::RngExt;
 
 use super::alignment::{Landmark, look};
-use crate::prepare::TrainView;
 use crate::prepare::spans::PixelSpans;
-use crate::render::rays::FrozenScene;
+use crate::prepare::{Frame, TrainView};
+use crate::render::rays::{FrozenScene, RenderedRay};
 use crate::train::sampler::step_random;
 
 /// Pixels that are tried, and those of them that are kept, where colours change the most.
@@ -28,7 +29,7 @@ pub(super) struct Reduced<'a> {
 /// Landmarks of a view, half of them where the object can be; the same `seed` and `step` give the same.
 pub(super) fn landmarks(
     scene: &FrozenScene,
-    frame: &crate::prepare::Frame,
+    frame: &Frame,
     reduced: &Reduced<'_>,
     seed: u64,
     step: u32,
@@ -71,7 +72,7 @@ pub(super) fn landmarks(
         .filter_map(|(_, pixel)| view.ray(&world_from_camera, *pixel))
         .collect();
     let met = scene.render(&rays);
-    let landmark = |(ray, met): (&neus_render::rays::Ray, crate::render::rays::RenderedRay)| {
+    let landmark = |(ray, met): (&Ray, RenderedRay)| {
         let distance = match met.matte {
             matte if MIXED.contains(&matte) => 0.0,
             matte if matte > 0.5 => met.object_distance,

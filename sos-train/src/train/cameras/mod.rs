@@ -139,7 +139,13 @@ impl Trainer {
             .map(|number| {
                 let full = &data.views[number];
                 let factor = factor(full, side);
-                let smaller = (factor > 1).then(|| full.downscaled(factor)).transpose()?;
+                // Nobody asks for its mask here.
+                let unmasked = || TrainView {
+                    mask: None,
+                    ..full.clone()
+                };
+                let smaller = (factor > 1).then(|| unmasked().downscaled(factor));
+                let smaller = smaller.transpose()?;
                 let view = smaller.as_ref().unwrap_or(full);
                 let reduced = Reduced {
                     view,
