@@ -49,7 +49,7 @@ impl Label {
         match byte {
             0 => Self::Background,
             1 => Self::DoubtfulBackground,
-            3 => Self::DoubtfulObject,
+            3 | AGREED_OBJECT => Self::DoubtfulObject,
             4 => Self::Object,
             _ => Self::Unknown,
         }
@@ -96,6 +96,14 @@ impl Outline {
         Label::from_byte(self.labels.get(y * self.width + x))
     }
 
+    /// Whether a pixel's mask shows the object there, away from the outline: one that is believed, or one that is set aside where the others
+    /// say the same.
+    #[must_use]
+    pub fn shows(&self, x: u32, y: u32) -> bool {
+        self.labels.get(y * self.width + x) == AGREED_OBJECT
+            || (self.vote(x, y)).is_some_and(|vote| vote.object && vote.weight == 1.0)
+    }
+
     /// What the view's own mask says at a pixel; `None` without one that is believed there.
     #[must_use]
     pub fn vote(&self, x: u32, y: u32) -> Option<Vote> {
@@ -136,6 +144,8 @@ const SILENT: u8 = 6;
 /// farther inside, so that these pixels vote in full.
 const THIN_OBJECT: u8 = 7;
 const THIN_GAP: u8 = 8;
+/// [`Label::DoubtfulObject`] where a mask that is set aside says what the others say.
+const AGREED_OBJECT: u8 = 9;
 /// Added to the label of a candidate while labels are found.
 const CANDIDATE: u8 = 128;
 
@@ -251,7 +261,9 @@ pub fn outline(
 ) -> Outline {
     let (width, height) = (view.width(), view.height());
     let mask = view.mask.as_ref().filter(|_| trust >= 0.5);
-    let edge = mask.map(|mask| near_edge(mask, band));
+    let aside = view.mask.as_ref().filter(|_| trust < 0.5);
+    let edge = mask.or(aside).map(|mask| near_edge(mask, band));
+    let near_edge = |i: usize| edge.as_ref().is_some_and(|edge| edge[i]);
     let thin = mask.map(|mask| middles(mask, band)).unwrap_or_default();
     let label = |x: u32, y: u32| {
         let i = (y * width + x) as usize;
@@ -268,7 +280,7 @@ pub fn outline(
         }
         let likely = hull >= config.object_threshold;
         let label = match mask {
-            Some(_) if edge.as_ref().is_some_and(|edge| edge[i]) => Label::Unknown,
+            Some(_) if near_edge(i) => Label::Unknown,
             Some(mask) => match (mask.contains(x, y), likely) {
                 (true, true) => Label::Object,
                 (true, false) => Label::DoubtfulObject,
@@ -279,7 +291,9 @@ pub fn outline(
             None => Label::Unknown,
         };
         let own = mask.is_some_and(|mask| mask.contains(x, y));
+        let agreed = likely && !near_edge(i) && aside.is_some_and(|mask| mask.contains(x, y));
         let byte = match label {
+            Label::DoubtfulObject if agreed => AGREED_OBJECT,
             Label::Unknown if thin.get(i) == Some(&true) && own => THIN_OBJECT,
             Label::Unknown if thin.get(i) == Some(&true) => THIN_GAP,
             Label::Unknown if own => UNKNOWN_OBJECT,
@@ -386,10 +400,13 @@ fn near_edge(mask: &Mask, band: u32) -> Vec<bool> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use glam::DVec3;
     use image::Luma;
 
+    use super::super::balls::{view, with_balls};
     use super::super::pixels::PixelStore;
     use super::*;
+    use crate::config::TrainConfig;
 
     #[test]
     fn silent_pixels_have_no_vote_and_others_keep_theirs() {
@@ -415,6 +432,26 @@ mod tests {
         assert_eq!(votes(&outline), [full, full, None, None, edge, full]);
         assert_eq!(outline.label(2, 0), Label::Unknown);
         assert_eq!(outline.label(2, 1), Label::Object);
+    }
+
+    #[test]
+    fn a_mask_that_is_set_aside_shows_what_the_others_say_as_well() {
+        // A ball of 13 pixels' radius in the middle of the picture; all others have it left of the middle.
+        let ball = (DVec3::ZERO, 2.0);
+        let view = with_balls(view(DVec3::NEG_Z * 9.0, DVec3::Z), &[ball]);
+        let others = GrayImage::from_fn(64, 48, |x, _| Luma([255 * u8::from(x < 32)]));
+        let config = TrainConfig::default().prepare;
+        let of = |trust: f32| outline(&view, &others, 1, trust, 3, &config);
+        let (aside, believed) = (of(0.4), of(0.6));
+        let shown = |outline: &Outline| [5, 26, 38, 60].map(|x| outline.shows(x, 24));
+        assert_eq!(shown(&aside), [false, true, false, false]);
+        // Nothing votes, and the label is that of a view without a mask.
+        assert_eq!(aside.vote(26, 24), None);
+        assert_eq!(aside.label(26, 24), Label::DoubtfulObject);
+        assert_eq!(aside.label(5, 24), Label::DoubtfulObject);
+        // On the mask's outline nothing is shown.
+        assert!(!aside.shows(20, 24) && !believed.shows(20, 24));
+        assert!(believed.shows(26, 24) && believed.vote(26, 24).is_some());
     }
 
     #[test]

@@ -14,7 +14,7 @@ use super::batch::BatchMarcher;
 use super::visible::Alone;
 use super::{SETTLING, Trainer, VOTES_EVERY, march_config, schedule, space};
 use crate::config::{Blend, Fields};
-use crate::prepare::{Prepared, Vote};
+use crate::prepare::Prepared;
 
 /// Rays that are looked along in a view, and the fewest that it is judged by.
 const RAYS: usize = 64;
@@ -31,10 +31,9 @@ const HIDDEN: f32 = 0.3;
 pub(super) struct Contested(Vec<u32>);
 
 impl Contested {
-    /// Whether FoCoR has the right of way on a pixel with this vote.
-    pub(super) fn clears(&self, view: u32, vote: Option<Vote>) -> bool {
-        vote.is_some_and(|vote| vote.object && vote.weight == 1.0)
-            && self.0.binary_search(&view).is_ok()
+    /// Whether FoCoR has the right of way on a pixel, whose mask shows the object or not.
+    pub(super) fn clears(&self, view: u32, shows: bool) -> bool {
+        shows && self.0.binary_search(&view).is_ok()
     }
 
     fn add(&mut self, views: &[u32]) {
@@ -165,13 +164,10 @@ mod tests {
         let mut contested = Contested::default();
         contested.add(&[4, 2]);
         contested.add(&[3]);
-        let vote = |object, weight| Some(Vote { object, weight });
         for view in 2..5 {
-            assert!(contested.clears(view, vote(true, 1.0)));
-            assert!(!contested.clears(view, vote(true, 0.1)));
-            assert!(!contested.clears(view, vote(false, 1.0)));
-            assert!(!contested.clears(view, None));
+            assert!(contested.clears(view, true));
+            assert!(!contested.clears(view, false));
         }
-        assert!(!contested.clears(1, vote(true, 1.0)));
+        assert!(!contested.clears(1, true));
     }
 }

@@ -24,6 +24,8 @@ pub struct RayBatch {
     pub labels: Vec<Label>,
     /// What the view's own mask says, where it is believed.
     pub votes: Vec<Option<Vote>>,
+    /// Whether the view's own mask [shows](crate::prepare::Outline::shows) the object.
+    pub shows: Vec<bool>,
     /// Whether the view's own mask, as it was given, takes the pixel for the object.
     pub masks: Vec<Option<bool>>,
 }
@@ -102,18 +104,20 @@ impl Sampler {
                     view.photo.get_pixel(x, y).0,
                     outline.label(x, y),
                     outline.vote(x, y),
+                    outline.shows(x, y),
                     view.mask.as_ref().map(|m| m.contains(x, y)),
                 ))
             })
             .collect();
         let mut batch = RayBatch::default();
-        for (ray, view, tile, colour, label, vote, mask) in drawn {
+        for (ray, view, tile, colour, label, vote, shows, mask) in drawn {
             batch.rays.push(ray);
             batch.views.push(view);
             batch.tiles.push(tile);
             batch.colours.extend(colour.map(|c| f32::from(c) / 255.0));
             batch.labels.push(label);
             batch.votes.push(vote);
+            batch.shows.push(shows);
             batch.masks.push(mask);
         }
         batch
@@ -133,9 +137,8 @@ impl Sampler {
             .filter_map(|_| {
                 let pixel = candidates.nth(random.random_range(0..candidates.len()));
                 let (x, y) = (pixel % seen.width(), pixel / seen.width());
-                let vote = outline.vote(x, y)?;
                 let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                (vote.object && vote.weight == 1.0 && !seen.ignores(x, y))
+                (outline.shows(x, y) && !seen.ignores(x, y))
                     .then(|| seen.ray(&self.poses[view], centre))?
             })
             .take(count)

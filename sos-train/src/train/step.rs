@@ -24,7 +24,7 @@ use super::shape_losses::Shape;
 use super::total::{Total, Weighed};
 use super::visible::composite_config;
 use crate::config::{self, AlphaSource, Blend, Fields, ModelConfig, TrainConfig, Transparency};
-use crate::prepare::{Label, Vote};
+use crate::prepare::Label;
 
 /// What is fixed over a run.
 #[derive(Clone, Debug)]
@@ -151,15 +151,11 @@ pub struct Known<'a> {
     pub mask_trust: &'a [f32],
 }
 
-/// How much a pixel with this vote counts where the object is to be seen but something hides it. Floaters, made up for
+/// How much a pixel whose mask shows the object counts where something hides it. Floaters, made up for
 /// highlights, stand just before cameras; what BaCo keeps inside the box is what m^P gives to it, by the votes of all views. If
 /// most of a pixel's light comes from there, its mask is wrong: a table is not to be pierced for what might be below it.
-fn bare(vote: Vote, box_background: f32) -> f32 {
-    if vote.object && vote.weight == 1.0 {
-        (1.0 - 2.0 * box_background).max(0.0)
-    } else {
-        0.0
-    }
+fn bare(box_background: f32) -> f32 {
+    (1.0 - 2.0 * box_background).max(0.0)
 }
 
 /// The loss of a batch, ready for `backward`, with its parts, which are on the device still.
@@ -345,9 +341,9 @@ fn pixel_losses(
     }
     if weights.hidden > 0.0 && config.model.blend == Blend::Sample {
         let n = batch.rays.len() as f32;
-        let visible = batch.votes.iter().enumerate().map(|(ray, vote)| {
+        let visible = batch.shows.iter().enumerate().map(|(ray, shows)| {
             let background = known.box_background.get(ray).copied().unwrap_or(0.0);
-            vote.map_or(0.0, |vote| bare(vote, background)) / n
+            if *shows { bare(background) / n } else { 0.0 }
         });
         let visible = losses.know(visible);
         // Of the surface, whoever draws the matte: an alpha head that holds back hides nothing.
@@ -466,12 +462,6 @@ mod tests {
 
     #[test]
     fn a_pixel_of_background_in_the_box_need_not_show_the_object() {
-        let vote = |object, weight| Vote { object, weight };
-        assert_eq!(bare(vote(true, 1.0), 0.0), 1.0);
-        assert_eq!(bare(vote(true, 1.0), 0.25), 0.5);
-        assert_eq!(bare(vote(true, 1.0), 0.75), 0.0);
-        // On a mask's edge, and where it says background, nothing follows.
-        assert_eq!(bare(vote(true, 0.5), 0.0), 0.0);
-        assert_eq!(bare(vote(false, 1.0), 0.0), 0.0);
+        assert_eq!([0.0, 0.25, 0.75].map(bare), [1.0, 0.5, 0.0]);
     }
 }
