@@ -364,7 +364,7 @@ fn the_object_is_found_without_masks_and_by_one() {
     let scene = Scene::open(folder.path()).unwrap();
     let views = load_views(&scene, None).unwrap();
     let go_on = AtomicBool::new(false);
-    let config = small_config(6000);
+    let config = small_config(1000);
     let find = |hint: &Hint| {
         let points = &scene.model.points;
         find_object(&views, points, hint, &config, &go_on, |_, _| {})
