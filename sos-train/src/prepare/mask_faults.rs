@@ -17,6 +17,9 @@ pub struct MaskFaults {
     pub shifts: Vec<f32>,
     /// Pixels of each view's mask that show what lies behind the object, through an opening.
     pub openings: Vec<PixelSpans>,
+    /// Pixels of each view without a mask that is believed where the photo has the object's colours.
+    #[serde(default)]
+    pub alike: Vec<PixelSpans>,
 }
 
 impl MaskFaults {
@@ -38,7 +41,7 @@ impl MaskFaults {
 
 impl Prepared {
     /// Moves the outline of each view's given mask to where it belongs, has the masks vote on space and label the pixels
-    /// anew, and takes the vote from those in openings. The box stays.
+    /// anew, takes the vote from those in openings, and notes which have the object's colours. The box stays.
     ///
     /// # Errors
     /// [`PrepareError::Store`] when there is no room for the masks; all stays as it was.
@@ -53,6 +56,9 @@ impl Prepared {
         }
         for (outline, opening) in self.outlines.iter_mut().zip(&faults.openings) {
             outline.silence(opening);
+        }
+        for (outline, alike) in self.outlines.iter_mut().zip(&faults.alike) {
+            outline.find_alike(alike);
         }
         Ok(())
     }

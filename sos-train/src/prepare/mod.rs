@@ -10,6 +10,7 @@ pub(crate) mod disc;
 pub mod edge_contrast;
 pub mod error;
 pub mod frame;
+pub mod label;
 pub mod locate;
 pub mod mask;
 pub mod mask_faults;
@@ -27,7 +28,8 @@ use scene_decomp::probability::ProbabilityMap;
 
 pub use consensus::MaskConsensus;
 pub use frame::Frame;
-pub use outline::{Label, Outline, Vote};
+pub use label::{Label, Shown, Vote};
+pub use outline::Outline;
 pub use view::TrainView;
 
 use crate::config::PrepareConfig;

@@ -7,6 +7,10 @@ use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::frame::Frame;
+use super::label::{
+    AGREED_OBJECT, ALIKE_OBJECT, EDGE_VOTE, Label, SILENT, Shown, THIN_GAP, THIN_OBJECT,
+    UNKNOWN_OBJECT, Vote,
+};
 use super::mask::Mask;
 use super::mask_shift::outline_distance;
 use super::runs::ByteRuns;
@@ -15,46 +19,6 @@ use super::view::TrainView;
 use super::votes::ViewTrust;
 use crate::config::PrepareConfig;
 use crate::median::median;
-
-/// What a pixel is taken for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Label {
-    /// Own mask and the other views agree: background, and fit to teach BaCo by itself.
-    Background = 0,
-    /// The own mask says background, the other views say object: missing, or occluded.
-    DoubtfulBackground = 1,
-    /// On the coarse edge, or nobody knows.
-    Unknown = 2,
-    /// The own mask says object, the other views say background.
-    DoubtfulObject = 3,
-    /// Own mask and the other views agree: object.
-    Object = 4,
-}
-
-impl Label {
-    /// Mask target in `[0, 1]` and its weight.
-    #[must_use]
-    pub fn target(self) -> (f32, f32) {
-        match self {
-            Self::Background => (0.0, 1.0),
-            Self::DoubtfulBackground => (0.0, 0.3),
-            Self::Unknown => (0.0, 0.0),
-            Self::DoubtfulObject => (1.0, 0.3),
-            Self::Object => (1.0, 1.0),
-        }
-    }
-
-    fn from_byte(byte: u8) -> Self {
-        match byte {
-            0 => Self::Background,
-            1 => Self::DoubtfulBackground,
-            3 | AGREED_OBJECT => Self::DoubtfulObject,
-            4 => Self::Object,
-            _ => Self::Unknown,
-        }
-    }
-}
 
 /// The labels of one view, and the pixels where the object can be.
 #[derive(Clone, Debug)]
@@ -77,6 +41,10 @@ impl Outline {
 
     /// Takes the vote from `pixels`: what the mask says there is not believed.
     pub fn silence(&mut self, pixels: &PixelSpans) {
+        self.relabel(pixels, |_| SILENT);
+    }
+
+    fn relabel(&mut self, pixels: &PixelSpans, of: impl Fn(u8) -> u8) {
         if pixels.is_empty() {
             return;
         }
@@ -84,7 +52,7 @@ impl Outline {
         let mut labels: Vec<u8> = all.map(|i| self.labels.get(i)).collect();
         for i in pixels.iter() {
             if let Some(label) = labels.get_mut(i as usize) {
-                *label = SILENT;
+                *label = of(*label);
             }
         }
         self.labels = ByteRuns::of(&labels);
@@ -96,12 +64,30 @@ impl Outline {
         Label::from_byte(self.labels.get(y * self.width + x))
     }
 
-    /// Whether a pixel's mask shows the object there, away from the outline: one that is believed, or one that is set aside where the others
-    /// say the same.
+    /// Whether the view has a mask that is believed.
     #[must_use]
-    pub fn shows(&self, x: u32, y: u32) -> bool {
-        self.labels.get(y * self.width + x) == AGREED_OBJECT
-            || (self.vote(x, y)).is_some_and(|vote| vote.object && vote.weight == 1.0)
+    pub fn is_masked(&self) -> bool {
+        self.masked
+    }
+
+    /// Notes pixels that have the object's colours; what the others do not take for the object stays what it is.
+    pub fn find_alike(&mut self, pixels: &PixelSpans) {
+        self.relabel(pixels, |byte| match Label::from_byte(byte) {
+            Label::DoubtfulObject => ALIKE_OBJECT,
+            _ => byte,
+        });
+    }
+
+    /// What says that the object is to be seen on a pixel.
+    #[must_use]
+    pub fn shown(&self, x: u32, y: u32) -> Shown {
+        let inside = |vote: Vote| vote.object && vote.weight == 1.0;
+        match self.labels.get(y * self.width + x) {
+            ALIKE_OBJECT => Shown::ByColour,
+            AGREED_OBJECT => Shown::ByMask,
+            _ if self.vote(x, y).is_some_and(inside) => Shown::ByMask,
+            _ => Shown::No,
+        }
     }
 
     /// What the view's own mask says at a pixel; `None` without one that is believed there.
@@ -124,28 +110,6 @@ impl Outline {
     }
 }
 
-/// What a pixel's mask says about the surface it shows.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Vote {
-    /// Whether it is the object's.
-    pub object: bool,
-    /// How much this counts, up to 1.
-    pub weight: f32,
-}
-
-/// What a vote on a mask's edge counts: nothing beside views that see the place well inside or
-/// outside, and everything where all views see it at the outline.
-const EDGE_VOTE: f32 = 0.1;
-/// [`Label::Unknown`] where the own mask says object.
-const UNKNOWN_OBJECT: u8 = 5;
-/// [`Label::Unknown`] where the photo is not to be learned from, or the mask is not believed.
-const SILENT: u8 = 6;
-/// [`Label::Unknown`] in the middle of a part that is as thin as the edge, and in the middle of such a gap: nothing of it lies
-/// farther inside, so that these pixels vote in full.
-const THIN_OBJECT: u8 = 7;
-const THIN_GAP: u8 = 8;
-/// [`Label::DoubtfulObject`] where a mask that is set aside says what the others say.
-const AGREED_OBJECT: u8 = 9;
 /// Added to the label of a candidate while labels are found.
 const CANDIDATE: u8 = 128;
 
@@ -443,15 +407,28 @@ mod tests {
         let config = TrainConfig::default().prepare;
         let of = |trust: f32| outline(&view, &others, 1, trust, 3, &config);
         let (aside, believed) = (of(0.4), of(0.6));
-        let shown = |outline: &Outline| [5, 26, 38, 60].map(|x| outline.shows(x, 24));
-        assert_eq!(shown(&aside), [false, true, false, false]);
+        let shown = |outline: &Outline| [5, 26, 38, 60].map(|x| outline.shown(x, 24));
+        let (no, by_mask) = (Shown::No, Shown::ByMask);
+        assert_eq!(shown(&aside), [no, by_mask, no, no]);
         // Nothing votes, and the label is that of a view without a mask.
         assert_eq!(aside.vote(26, 24), None);
         assert_eq!(aside.label(26, 24), Label::DoubtfulObject);
         assert_eq!(aside.label(5, 24), Label::DoubtfulObject);
         // On the mask's outline nothing is shown.
-        assert!(!aside.shows(20, 24) && !believed.shows(20, 24));
-        assert!(believed.shows(26, 24) && believed.vote(26, 24).is_some());
+        assert_eq!([&aside, &believed].map(|of| of.shown(20, 24)), [no, no]);
+        assert_eq!(believed.shown(26, 24), by_mask);
+        assert!(believed.vote(26, 24).is_some());
+
+        // Colours say more, but not of what the others have elsewhere.
+        let mut alike = PixelSpans::default();
+        for x in [5, 26, 38] {
+            alike.push(24 * 64 + x);
+        }
+        let mut coloured = aside.clone();
+        coloured.find_alike(&alike);
+        let by_colour = Shown::ByColour;
+        assert_eq!(shown(&coloured), [by_colour, by_colour, no, no]);
+        assert_eq!(coloured.label(26, 24), Label::DoubtfulObject);
     }
 
     #[test]

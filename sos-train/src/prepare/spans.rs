@@ -35,6 +35,19 @@ impl PixelSpans {
         self.len += 1;
     }
 
+    /// The pixels of both.
+    #[must_use]
+    pub fn united(&self, other: &Self) -> Self {
+        let mut pixels: Vec<u32> = self.iter().chain(other.iter()).collect();
+        pixels.sort_unstable();
+        pixels.dedup();
+        let mut both = Self::default();
+        for pixel in pixels {
+            both.push(pixel);
+        }
+        both
+    }
+
     /// The pixel that `n` others come before; the last one where `n` is too large. 0 without any.
     #[must_use]
     pub fn nth(&self, n: usize) -> u32 {

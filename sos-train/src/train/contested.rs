@@ -14,7 +14,7 @@ use super::batch::BatchMarcher;
 use super::visible::Alone;
 use super::{SETTLING, Trainer, VOTES_EVERY, march_config, schedule, space};
 use crate::config::{Blend, Fields};
-use crate::prepare::Prepared;
+use crate::prepare::{Prepared, Shown};
 
 /// Rays that are looked along in a view, and the fewest that it is judged by.
 const RAYS: usize = 64;
@@ -31,9 +31,13 @@ const HIDDEN: f32 = 0.3;
 pub(super) struct Contested(Vec<u32>);
 
 impl Contested {
-    /// Whether FoCoR has the right of way on a pixel, whose mask shows the object or not.
-    pub(super) fn clears(&self, view: u32, shows: bool) -> bool {
-        shows && self.0.binary_search(&view).is_ok()
+    /// Whether FoCoR has the right of way on a pixel of the view.
+    pub(super) fn clears(&self, view: u32, shown: Shown) -> bool {
+        match shown {
+            Shown::No => false,
+            Shown::ByMask => self.0.binary_search(&view).is_ok(),
+            Shown::ByColour => true,
+        }
     }
 
     fn add(&mut self, views: &[u32]) {
@@ -47,12 +51,7 @@ impl Trainer {
     /// Now and then looks for further contested views, once there is an object to speak of. Returns what people
     /// should know.
     pub fn contested_note(&mut self, data: &Prepared) -> Option<String> {
-        let config = self.config();
-        let settled = schedule::carve_step(config) + (SETTLING * config.steps as f32) as u32;
-        let fights = config.loss.hidden > 0.0
-            && config.model.fields == Fields::Both
-            && config.model.blend == Blend::Sample;
-        if !fights || self.step < settled || !self.step.is_multiple_of(VOTES_EVERY) {
+        if !self.looks_for_hidden() {
             return None;
         }
         let found = self.newly_contested(data);
@@ -66,6 +65,17 @@ impl Trainer {
             data.views.len(),
             data.views[first as usize].name
         ))
+    }
+
+    /// Whether this is a step at which views are looked at, in a run in which what hides the object has a price.
+    pub(super) fn looks_for_hidden(&self) -> bool {
+        let config = self.config();
+        let settled = schedule::carve_step(config) + (SETTLING * config.steps as f32) as u32;
+        config.loss.hidden > 0.0
+            && config.model.fields == Fields::Both
+            && config.model.blend == Blend::Sample
+            && self.step >= settled
+            && self.step.is_multiple_of(VOTES_EVERY)
     }
 
     fn newly_contested(&mut self, data: &Prepared) -> Vec<u32> {
@@ -102,45 +112,14 @@ impl Trainer {
 
 #[cfg(test)]
 mod tests {
-    use demo_scene::DemoConfig;
-    use io_colmap::{MaskSet, Scene};
-
     use super::*;
-    use crate::config::{Preset, TrainConfig};
-    use crate::prepare::prepare;
-    use crate::prepare::view::load_views;
-
-    fn config() -> TrainConfig {
-        let mut config = TrainConfig::preset(Preset::Quick);
-        for setting in [
-            // The first step is one at which views are looked at.
-            "steps=9",
-            "schedule.carve=0",
-            "model.levels=6",
-            "model.log2_table_size=12",
-            "sampling.occupancy_resolution=32",
-        ] {
-            config.apply_override(setting).expect("a setting");
-        }
-        config
-    }
-
-    fn prepared(config: &TrainConfig) -> Prepared {
-        let folder = tempfile::tempdir().expect("a folder");
-        let scene = demo_scene::generate(&DemoConfig::tiny());
-        scene.write(folder.path()).expect("a scene");
-        let scene = Scene::open(folder.path()).expect("a scene");
-        let masks = MaskSet::find(&folder.path().join("coarse_masks"), &scene, None);
-        let views = load_views(&scene, Some(&masks.expect("masks"))).expect("views");
-        let (points, band) = (&scene.model.points, config.loss.ignore_band);
-        prepare(views, points, &config.prepare, band).expect("a region")
-    }
+    use crate::train::tiny;
 
     /// FoCoR is a ball, and BaCo a haze, as at every start, or a fog that hides the ball from everybody.
     #[test]
     fn masks_are_believed_where_the_background_hides_what_they_show() {
-        let config = config();
-        let data = prepared(&config);
+        let config = tiny::config();
+        let data = tiny::prepared(&config, &[]);
         let step = |fog: bool, look: bool| {
             let mut trainer = Trainer::new(&config, &data).expect("a trainer");
             if fog {
@@ -165,9 +144,11 @@ mod tests {
         contested.add(&[4, 2]);
         contested.add(&[3]);
         for view in 2..5 {
-            assert!(contested.clears(view, true));
-            assert!(!contested.clears(view, false));
+            assert!(contested.clears(view, Shown::ByMask));
+            assert!(!contested.clears(view, Shown::No));
         }
-        assert!(!contested.clears(1, true));
+        assert!(!contested.clears(1, Shown::ByMask));
+        // Colours decide pixel by pixel.
+        assert!(contested.clears(1, Shown::ByColour));
     }
 }

@@ -97,7 +97,7 @@ fn gather_chunk(
     let outside_alone = config.loss.background > 0.0;
     let cleared = |ray: usize| {
         let ray = first + ray;
-        rules.contested.clears(batch.views[ray], batch.shows[ray])
+        rules.contested.clears(batch.views[ray], batch.shown[ray])
     };
     let alone = |ray: usize| Alone {
         object: by_ray || cleared(ray),

@@ -3,6 +3,7 @@
 mod adam;
 pub mod agreement;
 mod ahead;
+mod alike;
 pub mod batch;
 pub mod blend;
 mod cameras;
@@ -29,6 +30,8 @@ pub mod semantic;
 pub mod setup;
 mod shape_losses;
 pub mod step;
+#[cfg(test)]
+mod tiny;
 mod total;
 pub mod visible;
 

@@ -312,6 +312,7 @@ fn train(
                 return Err(error.into());
             }
         };
+        trainer.find_alike(data);
         let edges = trainer.contrast_note(data);
         for note in faults
             .into_iter()

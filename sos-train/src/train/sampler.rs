@@ -7,7 +7,7 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use super::agreement::tile_of;
-use crate::prepare::{Label, Prepared, Vote};
+use crate::prepare::{Label, Prepared, Shown, Vote};
 
 /// Rays of one step with what is known about their pixels; all lists `[rays]`.
 #[derive(Clone, Debug, Default)]
@@ -24,8 +24,8 @@ pub struct RayBatch {
     pub labels: Vec<Label>,
     /// What the view's own mask says, where it is believed.
     pub votes: Vec<Option<Vote>>,
-    /// Whether the view's own mask [shows](crate::prepare::Outline::shows) the object.
-    pub shows: Vec<bool>,
+    /// What says that the object is to be seen there.
+    pub shown: Vec<Shown>,
     /// Whether the view's own mask, as it was given, takes the pixel for the object.
     pub masks: Vec<Option<bool>>,
 }
@@ -104,20 +104,20 @@ impl Sampler {
                     view.photo.get_pixel(x, y).0,
                     outline.label(x, y),
                     outline.vote(x, y),
-                    outline.shows(x, y),
+                    outline.shown(x, y),
                     view.mask.as_ref().map(|m| m.contains(x, y)),
                 ))
             })
             .collect();
         let mut batch = RayBatch::default();
-        for (ray, view, tile, colour, label, vote, shows, mask) in drawn {
+        for (ray, view, tile, colour, label, vote, shown, mask) in drawn {
             batch.rays.push(ray);
             batch.views.push(view);
             batch.tiles.push(tile);
             batch.colours.extend(colour.map(|c| f32::from(c) / 255.0));
             batch.labels.push(label);
             batch.votes.push(vote);
-            batch.shows.push(shows);
+            batch.shown.push(shown);
             batch.masks.push(mask);
         }
         batch
@@ -138,7 +138,7 @@ impl Sampler {
                 let pixel = candidates.nth(random.random_range(0..candidates.len()));
                 let (x, y) = (pixel % seen.width(), pixel / seen.width());
                 let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                (outline.shows(x, y) && !seen.ignores(x, y))
+                (outline.shown(x, y) != Shown::No && !seen.ignores(x, y))
                     .then(|| seen.ray(&self.poses[view], centre))?
             })
             .take(count)

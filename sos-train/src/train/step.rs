@@ -24,7 +24,7 @@ use super::shape_losses::Shape;
 use super::total::{Total, Weighed};
 use super::visible::composite_config;
 use crate::config::{self, AlphaSource, Blend, Fields, ModelConfig, TrainConfig, Transparency};
-use crate::prepare::Label;
+use crate::prepare::{Label, Shown};
 
 /// What is fixed over a run.
 #[derive(Clone, Debug)]
@@ -341,9 +341,12 @@ fn pixel_losses(
     }
     if weights.hidden > 0.0 && config.model.blend == Blend::Sample {
         let n = batch.rays.len() as f32;
-        let visible = batch.shows.iter().enumerate().map(|(ray, shows)| {
+        let visible = batch.shown.iter().enumerate().map(|(ray, shown)| {
             let background = known.box_background.get(ray).copied().unwrap_or(0.0);
-            if *shows { bare(background) / n } else { 0.0 }
+            match shown {
+                Shown::No => 0.0,
+                _ => bare(background) / n,
+            }
         });
         let visible = losses.know(visible);
         // Of the surface, whoever draws the matte: an alpha head that holds back hides nothing.

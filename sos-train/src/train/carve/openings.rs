@@ -128,7 +128,11 @@ fn enclosed(distances: &[f32], width: usize) -> Vec<bool> {
 }
 
 /// The points to the left, right, above and below of one in a raster of `len` points; `None` beyond its end.
-fn neighbours(i: usize, width: usize, len: usize) -> impl Iterator<Item = Option<usize>> {
+pub(in crate::train) fn neighbours(
+    i: usize,
+    width: usize,
+    len: usize,
+) -> impl Iterator<Item = Option<usize>> {
     let column = i % width;
     [
         (column > 0).then(|| i - 1),
