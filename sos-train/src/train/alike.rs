@@ -6,6 +6,7 @@
 
 use glam::Vec2;
 use neus_render::rays::Ray;
+use rayon::prelude::*;
 
 use super::Trainer;
 use super::carve::openings::neighbours;
@@ -13,6 +14,8 @@ use crate::prepare::spans::PixelSpans;
 use crate::prepare::{Label, Prepared};
 use crate::render::rays::{FrozenScene, RenderedRay};
 
+/// Looks are this share of the run apart.
+const EVERY: f32 = 0.1;
 /// Rays that are looked along each time, in all views together.
 const RAYS: f32 = 20_000.0;
 /// How opaque FoCoR has to be.
@@ -24,7 +27,8 @@ impl Trainer {
     /// Now and then notes, in views without a mask that is believed, which pixels have the object's colours: there nothing is to hide
     /// it.
     pub fn find_alike(&mut self, data: &mut Prepared) {
-        if !self.looks_for_hidden() {
+        let period = (EVERY * self.config().steps as f32) as u32;
+        if !self.may_clear() || !self.step.is_multiple_of(period.max(1)) {
             return;
         }
         let all = 0..data.outlines.len();
@@ -38,13 +42,17 @@ impl Trainer {
         }
         let stride = (pixels as f32 / RAYS).sqrt().ceil().max(1.0) as u32;
         let scene = self.freeze();
-        let alike = &mut self.mask_faults.alike;
-        alike.resize(data.outlines.len(), PixelSpans::default());
+        let mut found = vec![PixelSpans::default(); data.outlines.len()];
         for view in unmasked {
-            let found = alike_in(&scene, data, view, stride);
-            data.outlines[view].find_alike(&found);
-            alike[view] = alike[view].united(&found);
+            found[view] = alike_in(&scene, data, view, stride);
         }
+        let alike = &mut self.mask_faults.alike;
+        alike.resize(found.len(), PixelSpans::default());
+        let views = data.outlines.par_iter_mut().zip(&mut *alike).zip(&found);
+        views.for_each(|((outline, alike), found)| {
+            outline.find_alike(found);
+            *alike = alike.united(found);
+        });
         // Batches that were gathered before know nothing of it.
         self.ahead.forget();
     }

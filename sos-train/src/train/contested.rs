@@ -51,7 +51,7 @@ impl Trainer {
     /// Now and then looks for further contested views, once there is an object to speak of. Returns what people
     /// should know.
     pub fn contested_note(&mut self, data: &Prepared) -> Option<String> {
-        if !self.looks_for_hidden() {
+        if !self.may_clear() || !self.step.is_multiple_of(VOTES_EVERY) {
             return None;
         }
         let found = self.newly_contested(data);
@@ -67,15 +67,14 @@ impl Trainer {
         ))
     }
 
-    /// Whether this is a step at which views are looked at, in a run in which what hides the object has a price.
-    pub(super) fn looks_for_hidden(&self) -> bool {
+    /// Whether there is an object to speak of, in a run in which what hides it has a price.
+    pub(super) fn may_clear(&self) -> bool {
         let config = self.config();
         let settled = schedule::carve_step(config) + (SETTLING * config.steps as f32) as u32;
         config.loss.hidden > 0.0
             && config.model.fields == Fields::Both
             && config.model.blend == Blend::Sample
             && self.step >= settled
-            && self.step.is_multiple_of(VOTES_EVERY)
     }
 
     fn newly_contested(&mut self, data: &Prepared) -> Vec<u32> {
