@@ -10,7 +10,7 @@ use super::votes::vote_grid;
 use super::{MAP_RESOLUTION, Prepared, TrainView, mask_shift, outlines};
 use crate::config::PrepareConfig;
 
-/// The faults of all views' masks. Lists may end early: what is beyond has none.
+/// The faults of all views' masks, and what stands in for masks that are missing. Lists may end early: what is beyond has none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MaskFaults {
     /// By how many pixels the outline of each view's mask is too far in, all around; too far out where negative.
@@ -58,7 +58,7 @@ impl Prepared {
             outline.silence(opening);
         }
         for (outline, alike) in self.outlines.iter_mut().zip(&faults.alike) {
-            outline.find_alike(alike);
+            outline.mark_alike(alike);
         }
         Ok(())
     }

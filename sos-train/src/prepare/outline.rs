@@ -70,8 +70,8 @@ impl Outline {
         self.masked
     }
 
-    /// Notes pixels that have the object's colours; what the others do not take for the object stays what it is.
-    pub fn find_alike(&mut self, pixels: &PixelSpans) {
+    /// Marks pixels that have the object's colours; what the others do not take for the object stays what it is.
+    pub fn mark_alike(&mut self, pixels: &PixelSpans) {
         self.relabel(pixels, |byte| match Label::from_byte(byte) {
             Label::DoubtfulObject => ALIKE_OBJECT,
             _ => byte,
@@ -417,6 +417,8 @@ mod tests {
         // On the mask's outline nothing is shown.
         assert_eq!([&aside, &believed].map(|of| of.shown(20, 24)), [no, no]);
         assert_eq!(believed.shown(26, 24), by_mask);
+        // Nor where a mask says background, whatever the others say.
+        assert_eq!(believed.shown(5, 24), no);
         assert!(believed.vote(26, 24).is_some());
 
         // Colours say more, but not of what the others have elsewhere.
@@ -425,7 +427,7 @@ mod tests {
             alike.push(24 * 64 + x);
         }
         let mut coloured = aside.clone();
-        coloured.find_alike(&alike);
+        coloured.mark_alike(&alike);
         let by_colour = Shown::ByColour;
         assert_eq!(shown(&coloured), [by_colour, by_colour, no, no]);
         assert_eq!(coloured.label(26, 24), Label::DoubtfulObject);

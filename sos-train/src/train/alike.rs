@@ -50,7 +50,7 @@ impl Trainer {
         alike.resize(found.len(), PixelSpans::default());
         let views = data.outlines.par_iter_mut().zip(&mut *alike).zip(&found);
         views.for_each(|((outline, alike), found)| {
-            outline.find_alike(found);
+            outline.mark_alike(found);
             *alike = alike.united(found);
         });
         // Batches that were gathered before know nothing of it.
