@@ -229,8 +229,12 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
     check_names(&scene_dir, names)?;
     check_photos(plan, &scene_dir, &scene.model)?;
     let config = plan.config.settled(&scene.model);
-    if let Some(memory) = room::of_machine().filter(|_| is_on_processor(&config.device)) {
-        room::check(&config, &scene.model, memory)?;
+    // Where memory suffices, no driver is asked: that takes its time, and some drivers talk on standard error.
+    if let Some(memory) = room::of_machine()
+        && let Err(error) = room::check(&config, &scene.model, memory)
+        && is_on_processor(&config.device)
+    {
+        return Err(error.into());
     }
     let (masks_dir, hint) = match &imported {
         Some(imported) => (imported.masks_dir.clone(), None),
