@@ -34,7 +34,7 @@ impl Label {
             0 => Self::Background,
             1 => Self::DoubtfulBackground,
             3 | AGREED_OBJECT | ALIKE_OBJECT => Self::DoubtfulObject,
-            4 => Self::Object,
+            4 | ALIKE_MASKED => Self::Object,
             _ => Self::Unknown,
         }
     }
@@ -57,7 +57,7 @@ pub enum Shown {
     No,
     /// The view's mask, away from its outline: one that is believed, or one that is set aside where the others say the same.
     ByMask,
-    /// The photo, in a view without a mask that is believed: it has the object's colours there.
+    /// The photo: it has the object's colours where the others, or a mask that is believed as well, have the object.
     ByColour,
 }
 
@@ -74,5 +74,7 @@ pub(super) const THIN_OBJECT: u8 = 7;
 pub(super) const THIN_GAP: u8 = 8;
 /// [`Label::DoubtfulObject`] where a mask that is set aside says what the others say.
 pub(super) const AGREED_OBJECT: u8 = 9;
-/// [`Label::DoubtfulObject`] where a photo has the object's colours.
+/// [`Label::DoubtfulObject`] where a photo without a mask that is believed has the object's colours.
 pub(super) const ALIKE_OBJECT: u8 = 10;
+/// [`Label::Object`] where the photo has the object's colours, too.
+pub(super) const ALIKE_MASKED: u8 = 11;

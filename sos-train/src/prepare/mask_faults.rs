@@ -17,7 +17,7 @@ pub struct MaskFaults {
     pub shifts: Vec<f32>,
     /// Pixels of each view's mask that show what lies behind the object, through an opening.
     pub openings: Vec<PixelSpans>,
-    /// Pixels of each view without a mask that is believed where the photo has the object's colours.
+    /// Pixels of each view on which the photo shows the object, as its colours say, though something hid it.
     #[serde(default)]
     pub alike: Vec<PixelSpans>,
 }

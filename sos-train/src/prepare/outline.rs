@@ -8,8 +8,8 @@ use scene_decomp::probability::ProbabilityMap;
 
 use super::frame::Frame;
 use super::label::{
-    AGREED_OBJECT, ALIKE_OBJECT, EDGE_VOTE, Label, SILENT, Shown, THIN_GAP, THIN_OBJECT,
-    UNKNOWN_OBJECT, Vote,
+    AGREED_OBJECT, ALIKE_MASKED, ALIKE_OBJECT, EDGE_VOTE, Label, SILENT, Shown, THIN_GAP,
+    THIN_OBJECT, UNKNOWN_OBJECT, Vote,
 };
 use super::mask::Mask;
 use super::mask_shift::outline_distance;
@@ -70,10 +70,28 @@ impl Outline {
         self.masked
     }
 
-    /// Marks pixels that have the object's colours; what the others do not take for the object stays what it is.
+    /// Whether a pixel is the object's for all that is known but the photo: the others say so, and the view's mask, if it is
+    /// believed.
+    #[must_use]
+    pub fn is_expected(&self, x: u32, y: u32) -> bool {
+        self.label(x, y) == self.expected()
+    }
+
+    fn expected(&self) -> Label {
+        match self.masked {
+            true => Label::Object,
+            false => Label::DoubtfulObject,
+        }
+    }
+
+    /// Marks pixels that have the object's colours, of those where it is [expected](Self::is_expected).
     pub fn mark_alike(&mut self, pixels: &PixelSpans) {
+        let (expected, mark) = match self.masked {
+            true => (Label::Object, ALIKE_MASKED),
+            false => (Label::DoubtfulObject, ALIKE_OBJECT),
+        };
         self.relabel(pixels, |byte| match Label::from_byte(byte) {
-            Label::DoubtfulObject => ALIKE_OBJECT,
+            label if label == expected => mark,
             _ => byte,
         });
     }
@@ -83,7 +101,7 @@ impl Outline {
     pub fn shown(&self, x: u32, y: u32) -> Shown {
         let inside = |vote: Vote| vote.object && vote.weight == 1.0;
         match self.labels.get(y * self.width + x) {
-            ALIKE_OBJECT => Shown::ByColour,
+            ALIKE_OBJECT | ALIKE_MASKED => Shown::ByColour,
             AGREED_OBJECT => Shown::ByMask,
             _ if self.vote(x, y).is_some_and(inside) => Shown::ByMask,
             _ => Shown::No,

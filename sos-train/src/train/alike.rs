@@ -1,50 +1,58 @@
-//! Photos that show the object, though no mask of theirs says so.
+//! Photos that show the object, as its colours say.
 //!
-//! Where few photos were taken, BaCo explains one of them by a flake before its camera, painted like the object, and no other view
-//! contradicts it. A mask would. Where none is believed colours do: what FoCoR has behind the flake, as other photos show it, is what this photo
-//! shows. What does stand before the object has other colours.
+//! BaCo may explain some photos by a flake before their cameras, painted like the object, and no other view contradicts it: where few
+//! photos were taken, or where most of a room contradicts itself, as behind a turntable. Colours do: what FoCoR has behind the flake is
+//! what the photo shows. What does stand before the object has other colours, unless all is dark: so other views have to show that very
+//! place of FoCoR. A skirt of it below a table is hidden from all of them.
 
-use glam::Vec2;
+use glam::{Affine3A, Vec2, Vec3};
 use neus_render::rays::Ray;
 use rayon::prelude::*;
 
 use super::Trainer;
-use super::carve::openings::neighbours;
+use super::raster::Raster;
+use crate::prepare::outline::Outline;
 use crate::prepare::spans::PixelSpans;
-use crate::prepare::{Label, Prepared};
+use crate::prepare::{Prepared, TrainView};
 use crate::render::rays::{FrozenScene, RenderedRay};
 
 /// Looks are this share of the run apart.
 const EVERY: f32 = 0.1;
-/// Rays that are looked along each time, in all views together.
+/// Rays that are looked along each time to find where FoCoR is hidden, in all views together.
 const RAYS: f32 = 20_000.0;
-/// How opaque FoCoR has to be.
+/// How many times as close they are where it is.
+const CLOSER: u32 = 4;
+/// Less than this is seen of it there.
+const HIDDEN: f32 = 0.5;
+/// How opaque FoCoR has to be by itself.
 const FILLED: f32 = 0.95;
+/// Views that are asked whether they show a place, and the fewest that have to.
+const WITNESSES: usize = 16;
+const LEAST_WITNESSES: usize = 2;
+/// How far what a witness shows may be from the place, in the normalised frame.
+const SAME_PLACE: f32 = 0.03;
 /// Colours that differ by less are alike: root mean square over the channels, sRGB.
 const ALIKE: f32 = 0.1;
 
 impl Trainer {
-    /// Now and then notes, in views without a mask that is believed, which pixels have the object's colours: there nothing is to hide
-    /// it.
+    /// Now and then notes which pixels have the object's colours: there nothing is to hide it.
     pub fn find_alike(&mut self, data: &mut Prepared) {
         let period = (EVERY * self.config().steps as f32) as u32;
         if !self.may_clear() || !self.step.is_multiple_of(period.max(1)) {
             return;
         }
-        let all = 0..data.outlines.len();
-        let unmasked: Vec<usize> = all
-            .filter(|&view| !data.outlines[view].is_masked())
-            .collect();
-        let pixels = |view: &usize| data.outlines[*view].candidates.len();
-        let pixels: usize = unmasked.iter().map(pixels).sum();
-        if pixels == 0 {
-            return;
-        }
-        let stride = (pixels as f32 / RAYS).sqrt().ceil().max(1.0) as u32;
+        let pixels: usize = data.outlines.iter().map(|o| o.candidates.len()).sum();
+        let stride = (pixels as f32 / RAYS).sqrt().ceil() as u32;
         let scene = self.freeze();
-        let mut found = vec![PixelSpans::default(); data.outlines.len()];
-        for view in unmasked {
-            found[view] = alike_in(&scene, data, view, stride);
+        let views = (0..data.views.len()).into_par_iter();
+        let found: Vec<PixelSpans> = views
+            .map(|view| {
+                let shown = |places: &[Vec3]| are_shown(&scene, data, view, places);
+                hidden_alike(&scene, data, view, stride, shown)
+            })
+            .collect();
+        if found.iter().all(PixelSpans::is_empty) {
+            return;
         }
         let alike = &mut self.mask_faults.alike;
         alike.resize(found.len(), PixelSpans::default());
@@ -58,48 +66,114 @@ impl Trainer {
     }
 }
 
-/// The pixels of a view that have the object's colours, as have those around them, on a raster `stride` pixels apart.
-fn alike_in(scene: &FrozenScene, data: &Prepared, number: usize, stride: u32) -> PixelSpans {
-    let (view, outline) = (&data.views[number], &data.outlines[number]);
-    let (width, height) = (view.width(), view.height());
-    let (columns, rows) = (width.div_ceil(stride), height.div_ceil(stride));
-    let world_from_camera = view.world_from_camera(&data.frame);
-    let middle = |i: u32, size: u32| (i * stride + stride / 2).min(size - 1);
-    let asked: Vec<(usize, [u8; 3], Ray)> = (0..columns * rows)
-        .filter_map(|i| {
-            let (x, y) = (middle(i % columns, width), middle(i / columns, height));
-            if outline.label(x, y) != Label::DoubtfulObject || view.ignores(x, y) {
+/// A view, and what is asked of it.
+struct Look<'a> {
+    view: &'a TrainView,
+    outline: &'a Outline,
+    world_from_camera: Affine3A,
+}
+
+impl<'a> Look<'a> {
+    fn at(data: &'a Prepared, number: usize) -> Self {
+        let view = &data.views[number];
+        Self {
+            view,
+            outline: &data.outlines[number],
+            world_from_camera: view.world_from_camera(&data.frame),
+        }
+    }
+
+    fn colour(&self, (x, y): (u32, u32)) -> [u8; 3] {
+        self.view.photo.get_pixel(x, y).0
+    }
+
+    /// The squares of a raster, of those `among` which, where the object is expected, with the rays through their middles.
+    fn rays(&self, raster: &Raster, among: impl Fn((u32, u32)) -> bool) -> (Vec<usize>, Vec<Ray>) {
+        let expected = (0..raster.len()).filter_map(|i| {
+            let (x, y) = raster.middle(i);
+            if !self.outline.is_expected(x, y) || self.view.ignores(x, y) || !among((x, y)) {
                 return None;
             }
             let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-            let ray = view.ray(&world_from_camera, centre)?;
-            Some((i as usize, view.photo.get_pixel(x, y).0, ray))
-        })
-        .collect();
-    let rays: Vec<Ray> = asked.iter().map(|(_, _, ray)| *ray).collect();
-    let mut alike = vec![false; (columns * rows) as usize];
-    for ((i, colour, _), met) in asked.iter().zip(scene.objects(&rays)) {
-        alike[*i] = is_alike(&met, *colour);
+            Some((i, self.view.ray(&self.world_from_camera, centre)?))
+        });
+        expected.unzip()
     }
-    let well_inside: Vec<bool> = (0..alike.len())
-        .map(|i| {
-            let mut around = neighbours(i, columns as usize, alike.len());
-            alike[i] && around.all(|j| j.is_none_or(|j| alike[j]))
-        })
-        .collect();
-    let mut pixels = PixelSpans::default();
-    for pixel in 0..width * height {
-        let (x, y) = (pixel % width / stride, pixel / width / stride);
-        if well_inside[(y * columns + x) as usize] {
-            pixels.push(pixel);
+
+    /// Those of some places that lie within the picture, with the rays to them.
+    fn rays_to(&self, places: &[Vec3], data: &Prepared) -> (Vec<usize>, Vec<Ray>) {
+        let within = places.iter().enumerate().filter_map(|(i, place)| {
+            let world = data.frame.world_from_normalised(*place);
+            let (pixel, _) = self.view.project(world)?;
+            Some((i, self.view.ray(&self.world_from_camera, pixel)?))
+        });
+        within.unzip()
+    }
+}
+
+/// The pixels of a view on which FoCoR is hidden though the photo has its colours, all around as well, where it is `shown` by others.
+fn hidden_alike(
+    scene: &FrozenScene,
+    data: &Prepared,
+    number: usize,
+    stride: u32,
+    shown: impl Fn(&[Vec3]) -> Vec<bool>,
+) -> PixelSpans {
+    let look = Look::at(data, number);
+    let coarse = Raster::of(look.view, stride);
+    let (squares, rays) = look.rays(&coarse, |_| true);
+    let mut clear = vec![true; coarse.len()];
+    for (&i, matte) in squares.iter().zip(scene.mattes(&rays)) {
+        clear[i] = matte >= HIDDEN;
+    }
+    if !clear.contains(&false) {
+        return PixelSpans::default();
+    }
+    let clear = coarse.well_inside(&clear);
+    let raster = Raster::of(look.view, stride / CLOSER);
+    let (squares, rays) = look.rays(&raster, |pixel| !clear[coarse.square(pixel)]);
+    // By itself, as behind what hides it nobody asks for it.
+    let objects = scene.objects(&rays);
+    let mut alike = vec![false; raster.len()];
+    for (&i, object) in squares.iter().zip(&objects) {
+        alike[i] = is_alike(object, look.colour(raster.middle(i)));
+    }
+    let alike = raster.well_inside(&alike);
+    let (mut places, mut hidden) = (Vec::new(), Vec::new());
+    let met = rays.iter().zip(&objects).zip(scene.mattes(&rays));
+    for (&i, ((ray, object), matte)) in squares.iter().zip(met) {
+        if alike[i] && matte < HIDDEN {
+            places.push(ray.at(object.object_distance));
+            hidden.push(i);
         }
     }
-    pixels
+    let mut found = vec![false; raster.len()];
+    for (i, shown) in hidden.into_iter().zip(shown(&places)) {
+        found[i] = shown;
+    }
+    raster.pixels(&found)
+}
+
+/// Whether views other than `number` show FoCoR at each of these places.
+fn are_shown(scene: &FrozenScene, data: &Prepared, number: usize, places: &[Vec3]) -> Vec<bool> {
+    let all = data.views.len();
+    let asked = WITNESSES.min(all - 1);
+    let mut shown = vec![0; places.len()];
+    for view in (0..asked).map(|k| (number + 1 + k * (all - 1) / asked) % all) {
+        let witness = Look::at(data, view);
+        let (asked, rays) = witness.rays_to(places, data);
+        for ((&i, ray), met) in asked.iter().zip(&rays).zip(scene.render(&rays)) {
+            let off = (ray.at(met.object_distance) - places[i]).length();
+            shown[i] += usize::from(met.matte >= HIDDEN && off < SAME_PLACE);
+        }
+    }
+    let enough = |shown: usize| shown >= LEAST_WITNESSES;
+    shown.into_iter().map(enough).collect()
 }
 
 /// Whether a photo's colour is the one that a ray met of the object, and it met it.
 fn is_alike(met: &RenderedRay, colour: [u8; 3]) -> bool {
-    let photo = glam::Vec3::from(colour.map(|value| f32::from(value) / 255.0));
+    let photo = Vec3::from(colour.map(|value| f32::from(value) / 255.0));
     let off = (met.object - photo).length() / 3.0_f32.sqrt();
     met.matte >= FILLED && off < ALIKE
 }
@@ -110,19 +184,16 @@ mod tests {
     use image::{Rgb, RgbImage};
 
     use super::*;
+    use crate::config::TrainConfig;
     use crate::prepare::Shown;
+    use crate::prepare::mask_faults::MaskFaults;
     use crate::train::tiny;
 
-    #[test]
-    fn a_photo_without_a_mask_shows_the_object_where_it_has_its_colours() {
-        let config = tiny::config();
-        let mut data = tiny::prepared(&config, &[0]);
-        let mut trainer = Trainer::new(&config, &data).unwrap();
-        // The photo is what FoCoR looks like, its right half in other colours.
+    /// View 0 is what FoCoR looks like, its right half in other colours.
+    fn paint(data: &mut Prepared, scene: &FrozenScene) {
         let view = &data.views[0];
         let (width, height) = (view.width(), view.height());
         let pose = view.world_from_camera(&data.frame);
-        let scene = trainer.freeze();
         let photo = RgbImage::from_fn(width, height, |x, y| {
             let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
             let met = scene.objects(&[view.ray(&pose, centre).unwrap()])[0];
@@ -133,24 +204,82 @@ mod tests {
                 .map(|v| (255.0 * (v - other).abs()) as u8))
         });
         data.views[0].photo = view.store.keep_photo(photo).unwrap();
-        trainer.find_alike(&mut data);
-        let shown = |data: &Prepared| -> Vec<u32> {
-            let pixels = 0..width * height;
-            let by_colour = |i: &u32| {
-                let shown = data.outlines[0].shown(i % width, i / width);
-                shown == Shown::ByColour
-            };
-            pixels.filter(by_colour).collect()
-        };
-        let found = shown(&data);
-        assert!(found.len() > 20, "{} pixels", found.len());
-        assert!(found.iter().all(|i| i % width < width / 2), "{found:?}");
+    }
 
-        // A run that goes on knows them.
-        let mut again = tiny::prepared(&config, &[0]);
-        assert!(shown(&again).is_empty());
-        let (faults, band) = (trainer.mask_faults(), config.loss.ignore_band);
-        again.correct_masks(faults, &config.prepare, band).unwrap();
-        assert_eq!(shown(&again), found);
+    /// The pixels of view 0 that show the object by their colours.
+    fn shown(data: &Prepared) -> Vec<u32> {
+        let (width, height) = (data.views[0].width(), data.views[0].height());
+        let by_colour = |i: &u32| {
+            let shown = data.outlines[0].shown(i % width, i / width);
+            shown == Shown::ByColour
+        };
+        (0..width * height).filter(by_colour).collect()
+    }
+
+    /// FoCoR is a ball, and BaCo a haze, as at every start, or a fog that hides the ball from everybody.
+    fn trainer(config: &TrainConfig, data: &Prepared, fog: bool) -> Trainer {
+        let mut trainer = Trainer::new(config, data).unwrap();
+        if fog {
+            let last = &mut trainer.scene.background.sdf[1];
+            last.bias = last.bias.clone().map(|bias| bias - 4.0);
+        }
+        trainer
+    }
+
+    #[test]
+    fn colours_show_the_object_where_something_hides_it() {
+        let config = tiny::config();
+        for unmasked in [vec![0], vec![]] {
+            let mut data = tiny::prepared(&config, &unmasked);
+            let foggy = trainer(&config, &data, true).freeze();
+            paint(&mut data, &foggy);
+            let find = |scene: &FrozenScene, witness: bool| {
+                hidden_alike(scene, &data, 0, 1, |places| vec![witness; places.len()])
+            };
+            let found = find(&foggy, true);
+            let width = data.views[0].width();
+            assert!(found.len() > 20, "{} pixels", found.len());
+            assert!(found.iter().all(|i| i % width < width / 2), "{found:?}");
+            // Not where others do not show it, nor where it is seen.
+            assert!(find(&foggy, false).is_empty());
+            let clear = trainer(&config, &data, false).freeze();
+            assert!(find(&clear, true).len() < found.len() / 4);
+
+            // What else is known of them is as it was, and a run that goes on knows them.
+            let before = data.outlines[0].clone();
+            assert!(shown(&data).is_empty());
+            let faults = MaskFaults {
+                alike: vec![found.clone()],
+                ..MaskFaults::default()
+            };
+            let band = config.loss.ignore_band;
+            data.correct_masks(&faults, &config.prepare, band).unwrap();
+            assert_eq!(shown(&data), found.iter().collect::<Vec<u32>>());
+            for (x, y) in found.iter().map(|i| (i % width, i / width)) {
+                assert_eq!(data.outlines[0].label(x, y), before.label(x, y));
+                assert_eq!(data.outlines[0].vote(x, y), before.vote(x, y));
+            }
+        }
+    }
+
+    #[test]
+    fn other_views_show_a_place_unless_it_is_hidden_from_all() {
+        let config = tiny::config();
+        let data = tiny::prepared(&config, &[]);
+        for fog in [false, true] {
+            let scene = trainer(&config, &data, fog).freeze();
+            let look = Look::at(&data, 3);
+            let (_, rays) = look.rays(&Raster::of(look.view, 2), |_| true);
+            let met = rays.iter().zip(scene.objects(&rays));
+            let met = met.filter(|(_, met)| met.matte >= FILLED);
+            let places: Vec<Vec3> = met.map(|(ray, met)| ray.at(met.object_distance)).collect();
+            let shown = are_shown(&scene, &data, 3, &places);
+            let share = shown.iter().filter(|shown| **shown).count() as f32 / places.len() as f32;
+            assert!(places.len() > 50, "{} places", places.len());
+            assert!(if fog { share == 0.0 } else { share > 0.5 }, "{share}");
+            // Nothing is shown where there is nothing.
+            let beside: Vec<Vec3> = places.iter().map(|place| 2.0 * *place).collect();
+            assert!(!are_shown(&scene, &data, 3, &beside).contains(&true));
+        }
     }
 }

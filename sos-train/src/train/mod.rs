@@ -20,6 +20,7 @@ mod order;
 mod outlook;
 mod pixel_losses;
 mod probes;
+mod raster;
 mod renewal;
 mod representatives;
 mod rounds;
