@@ -74,24 +74,19 @@ impl Outline {
     /// believed.
     #[must_use]
     pub fn is_expected(&self, x: u32, y: u32) -> bool {
-        self.label(x, y) == self.expected()
-    }
-
-    fn expected(&self) -> Label {
-        match self.masked {
-            true => Label::Object,
-            false => Label::DoubtfulObject,
+        match self.label(x, y) {
+            Label::Object => self.masked,
+            Label::DoubtfulObject => !self.masked,
+            _ => false,
         }
     }
 
     /// Marks pixels that have the object's colours, of those where it is [expected](Self::is_expected).
     pub fn mark_alike(&mut self, pixels: &PixelSpans) {
-        let (expected, mark) = match self.masked {
-            true => (Label::Object, ALIKE_MASKED),
-            false => (Label::DoubtfulObject, ALIKE_OBJECT),
-        };
+        let masked = self.masked;
         self.relabel(pixels, |byte| match Label::from_byte(byte) {
-            label if label == expected => mark,
+            Label::Object if masked => ALIKE_MASKED,
+            Label::DoubtfulObject if !masked => ALIKE_OBJECT,
             _ => byte,
         });
     }

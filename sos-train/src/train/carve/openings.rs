@@ -11,6 +11,7 @@ use crate::prepare::spans::PixelSpans;
 use crate::prepare::{Prepared, TrainView};
 use crate::render::rays::FrozenScene;
 use crate::train::Trainer;
+use crate::train::raster::neighbours;
 
 /// Rays inside masks whose depths are looked at ([`rays_of`](super::rays_of)).
 const RAYS: (usize, usize) = (12_000, 600_000);
@@ -125,22 +126,6 @@ fn enclosed(distances: &[f32], width: usize) -> Vec<bool> {
         }
     }
     enclosed
-}
-
-/// The points to the left, right, above and below of one in a raster of `len` points; `None` beyond its end.
-pub(in crate::train) fn neighbours(
-    i: usize,
-    width: usize,
-    len: usize,
-) -> impl Iterator<Item = Option<usize>> {
-    let column = i % width;
-    [
-        (column > 0).then(|| i - 1),
-        (column + 1 < width).then_some(i + 1),
-        i.checked_sub(width),
-        (i + width < len).then_some(i + width),
-    ]
-    .into_iter()
 }
 
 /// Connected surfaces in a raster of distances.
