@@ -1,11 +1,15 @@
 //! A table's gradient that knows where it is not zero.
 
-use std::fmt;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+mod buffer;
+#[cfg(feature = "cube")]
+mod cube;
 
-use rayon::prelude::*;
+use std::fmt;
+use std::sync::Arc;
 
 use crate::layout::{BLOCK_ENTRIES, FEATURES, GridLayout};
+use buffer::Shared;
+pub(crate) use buffer::{Buffer, Taken, Waiting};
 
 /// Values of a block: 8 entries of 2 features, one cache line.
 pub(crate) const BLOCK_VALUES: usize = BLOCK_ENTRIES * FEATURES;
@@ -26,113 +30,25 @@ const MOST_WAITING: usize = 16;
 ///   entries that has been hit since. Whoever uses it up ([`LazyAdam`](crate::LazyAdam),
 ///   [`SparseGrad::drain`]) zeroes what was hit.
 ///
-/// Clones share all of it: one goes into the op, one to the optimiser. A call holds a lock until
-/// it returns, so a closure given to one must not call another on the same gradient.
+/// Clones share all of it: one goes into the op, one to the optimiser.
+///
+/// Passes may add beside each other, from tasks of one rayon pool too. One that finds another at work adds to a dense buffer of
+/// its own, which joins the other's once it is done: the last bits of sums then depend on who came when. Calls that show the
+/// gradient or use it up wait until nobody is at work. From a closure given to one of these methods, or from a rayon task
+/// beside those that add, they might wait for themselves: do not make them there.
 #[derive(Clone)]
 pub struct SparseGrad {
-    shared: Arc<Mutex<Buffer>>,
+    shared: Arc<Shared>,
     entries: usize,
-}
-
-/// The gradient of one step so far.
-pub(crate) struct Buffer {
-    /// Entries of each level.
-    levels: Vec<usize>,
-    /// What has been added, `[entries, 2]`; empty before anything was.
-    pub(crate) values: Vec<f32>,
-    /// A flag (0 or 1) for each block; empty before anything was added.
-    pub(crate) touched: Vec<u8>,
-    /// What is yet to be added, in order.
-    waiting: Vec<Waiting>,
-    /// What kernels of a device have added, `[entries, 2]`.
-    #[cfg(feature = "cube")]
-    device: Option<gpu_tensors::CubeTensor>,
-}
-
-/// A backward pass whose share of the gradient waits.
-pub(crate) struct Waiting {
-    /// Levels that it adds to.
-    active: usize,
-    add: Box<Addition>,
-}
-
-/// Adds to a level's gradient, and marks its blocks.
-type Addition = dyn Fn(usize, &mut [f32], &mut [u8]) + Send + Sync;
-
-impl Waiting {
-    /// Adds to `level`'s gradient `[entries, 2]`, and marks its blocks; whether there was anything to do.
-    pub(crate) fn add(&self, level: usize, grad: &mut [f32], touched: &mut [u8]) -> bool {
-        let adds = level < self.active;
-        if adds {
-            (self.add)(level, grad, touched);
-        }
-        adds
-    }
-}
-
-impl Buffer {
-    /// Takes what waits, with the number of entries of each level, if that is all there is.
-    pub(crate) fn take_waiting(&mut self) -> Option<(Vec<Waiting>, &[usize])> {
-        if self.waiting.is_empty() || self.touched.contains(&1) {
-            return None;
-        }
-        Some((std::mem::take(&mut self.waiting), &self.levels))
-    }
-
-    /// Adds what waits.
-    pub(crate) fn settle(&mut self) {
-        let waiting = std::mem::take(&mut self.waiting);
-        if !waiting.is_empty() {
-            self.add(self.levels.len(), |level, grad, touched| {
-                for pass in &waiting {
-                    pass.add(level, grad, touched);
-                }
-            });
-        }
-    }
-
-    /// Makes the dense buffer if there is none.
-    fn allocate(&mut self) {
-        if self.values.is_empty() {
-            let entries: usize = self.levels.iter().sum();
-            self.values = vec![0.0; entries * FEATURES];
-            self.touched = vec![0; entries / BLOCK_ENTRIES];
-        }
-    }
-
-    /// Has `add` add to the first `active` levels, in parallel.
-    fn add(&mut self, active: usize, add: impl Fn(usize, &mut [f32], &mut [u8]) + Sync) {
-        self.allocate();
-        let (mut values, mut touched) = (&mut self.values[..], &mut self.touched[..]);
-        let mut levels = Vec::with_capacity(active);
-        for entries in &self.levels[..active] {
-            let (grad, rest) = values.split_at_mut(entries * FEATURES);
-            let (flags, rest_of_flags) = touched.split_at_mut(entries / BLOCK_ENTRIES);
-            levels.push((grad, flags));
-            (values, touched) = (rest, rest_of_flags);
-        }
-        levels
-            .into_par_iter()
-            .with_max_len(1)
-            .enumerate()
-            .for_each(|(level, (grad, flags))| add(level, grad, flags));
-    }
 }
 
 impl SparseGrad {
     /// A zero gradient for a table of this layout.
     #[must_use]
     pub fn new(layout: &GridLayout) -> Self {
-        let buffer = Buffer {
-            levels: layout.levels.iter().map(|level| level.entries).collect(),
-            values: Vec::new(),
-            touched: Vec::new(),
-            waiting: Vec::new(),
-            #[cfg(feature = "cube")]
-            device: None,
-        };
+        let levels = layout.levels.iter().map(|level| level.entries).collect();
         Self {
-            shared: Arc::new(Mutex::new(buffer)),
+            shared: Arc::new(Shared::new(levels)),
             entries: layout.entries(),
         }
     }
@@ -179,7 +95,10 @@ impl SparseGrad {
         add: impl Fn(usize, &mut [f32], &mut [u8]) + Sync,
     ) {
         self.check(layout);
-        self.lock().add(active, add);
+        let mut buffer = self.shared.take();
+        buffer.come_home();
+        buffer.settle();
+        buffer.add(active, add);
     }
 
     /// [`SparseGrad::accumulate_levels_marked`] when the gradient is next used: by
@@ -196,13 +115,12 @@ impl SparseGrad {
         add: impl Fn(usize, &mut [f32], &mut [u8]) + Send + Sync + 'static,
     ) {
         self.check(layout);
-        let mut buffer = self.lock_as_is();
-        buffer.waiting.push(Waiting {
+        let pass = Waiting {
             active,
             add: Box::new(add),
-        });
-        if buffer.waiting.len() > MOST_WAITING {
-            buffer.settle();
+        };
+        if self.shared.defer(pass) > MOST_WAITING {
+            self.shared.take().settle();
         }
     }
 
@@ -217,7 +135,7 @@ impl SparseGrad {
     /// Calls `visit(first entry, values)` for each touched block, in order; `values` are those of
     /// [`BLOCK_ENTRIES`] entries.
     pub fn for_each_touched(&self, mut visit: impl FnMut(usize, &[f32])) {
-        let buffer = self.lock();
+        let buffer = self.take_settled();
         for (b, values) in buffer.values.chunks_exact(BLOCK_VALUES).enumerate() {
             if buffer.touched[b] != 0 {
                 visit(b * BLOCK_ENTRIES, values);
@@ -227,7 +145,7 @@ impl SparseGrad {
 
     /// [`SparseGrad::for_each_touched`], and zeroes what it visits: the gradient is then at rest.
     pub fn drain(&self, mut visit: impl FnMut(usize, &[f32])) {
-        let mut buffer = self.lock();
+        let mut buffer = self.take_settled();
         let Buffer {
             values, touched, ..
         } = &mut *buffer;
@@ -247,7 +165,7 @@ impl SparseGrad {
     /// Number of blocks touched since the gradient was last at rest.
     #[must_use]
     pub fn touched_blocks(&self) -> usize {
-        self.lock()
+        self.take_settled()
             .touched
             .iter()
             .map(|flag| usize::from(*flag))
@@ -257,90 +175,23 @@ impl SparseGrad {
     /// A copy of the whole gradient, `[entries, 2]`.
     #[must_use]
     pub fn to_dense(&self) -> Vec<f32> {
-        let mut buffer = self.lock();
+        let mut buffer = self.take_settled();
         buffer.allocate();
         buffer.values.clone()
     }
 
-    /// The host's memory, with everything added that there is.
-    pub(crate) fn lock(&self) -> MutexGuard<'_, Buffer> {
-        let mut buffer = self.lock_on_host();
+    /// All of the gradient on the host, with everything added that there is.
+    fn take_settled(&self) -> Taken<'_> {
+        let mut buffer = self.take_on_host();
         buffer.settle();
         buffer
     }
 
-    /// The host's memory, with everything added that devices have; the rest may wait.
-    pub(crate) fn lock_on_host(&self) -> MutexGuard<'_, Buffer> {
-        #[allow(unused_mut)]
-        let mut buffer = self.lock_as_is();
-        #[cfg(feature = "cube")]
-        buffer.bring_home();
+    /// All of the gradient on the host, with everything added that devices have; the rest may wait.
+    pub(crate) fn take_on_host(&self) -> Taken<'_> {
+        let mut buffer = self.shared.take_all();
+        buffer.come_home();
         buffer
-    }
-
-    fn lock_as_is(&self) -> MutexGuard<'_, Buffer> {
-        // A panic while the lock was held leaves numbers behind that are wrong, but valid.
-        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// On a device the gradient is dense: kernels add to it with atomics, and
-/// [`LazyAdam`](crate::LazyAdam) zeroes what it uses up.
-#[cfg(feature = "cube")]
-impl SparseGrad {
-    /// Hands the gradient `[entries, 2]` on the device of `like` to `add`, which may change it.
-    ///
-    /// What lies on the host or on another device goes there first.
-    pub fn accumulate_on_device<R>(
-        &self,
-        like: &gpu_tensors::CubeTensor,
-        add: impl FnOnce(&gpu_tensors::CubeTensor) -> R,
-    ) -> R {
-        let mut buffer = self.lock_as_is();
-        buffer.settle();
-        let shape = [self.entries, FEATURES];
-        if buffer
-            .device
-            .as_ref()
-            .is_some_and(|d| d.device != like.device)
-        {
-            buffer.bring_home();
-        }
-        let gradient = match buffer.device.take() {
-            Some(gradient) => gradient,
-            None if buffer.touched.contains(&1) => {
-                let gradient = gpu_tensors::from_slice(like, &buffer.values, shape);
-                buffer.values.fill(0.0);
-                buffer.touched.fill(0);
-                gradient
-            }
-            None => gpu_tensors::zeros(like, shape),
-        };
-        let out = add(&gradient);
-        buffer.device = Some(gradient);
-        out
-    }
-}
-
-#[cfg(feature = "cube")]
-impl Buffer {
-    /// Adds what a device holds to the host's values.
-    fn bring_home(&mut self) {
-        let Some(device) = self.device.take() else {
-            return;
-        };
-        let added = gpu_tensors::read(&device);
-        self.allocate();
-        let blocks = self.values.chunks_exact_mut(BLOCK_VALUES);
-        let blocks = blocks.zip(added.chunks_exact(BLOCK_VALUES));
-        for ((values, added), touched) in blocks.zip(&mut self.touched) {
-            if added.iter().any(|value| *value != 0.0) {
-                *touched = 1;
-                for (value, added) in values.iter_mut().zip(added) {
-                    *value += added;
-                }
-            }
-        }
     }
 }
 
@@ -353,7 +204,11 @@ impl fmt::Debug for SparseGrad {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
+    use std::sync::{Barrier, mpsc};
+    use std::time::Duration;
+
     use super::*;
     use crate::config::GridConfig;
 
@@ -412,5 +267,83 @@ mod tests {
         clone.drain(|_, _| {});
         assert_eq!(marked.touched_blocks(), 0);
         assert!(marked.to_dense().iter().all(|value| *value == 0.0));
+    }
+
+    /// Far longer than any of this takes.
+    const LONG: Duration = Duration::from_secs(10);
+
+    /// A worker that waits for a level of its pass, which another one has, takes up a second pass meanwhile.
+    fn passes_beside_each_other(second: impl Fn(&SparseGrad, &GridLayout) + Send + Sync + 'static) {
+        let layout = small();
+        let gradient = SparseGrad::new(&layout);
+        let (second, first) = (Arc::new(second), gradient.clone());
+        let (tell, finished) = mpsc::channel();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(2);
+        let pool = pool.build().unwrap();
+        pool.spawn(move || {
+            let layout = small();
+            let worker = rayon::current_thread_index();
+            let both = Barrier::new(2);
+            first.accumulate_levels(&layout, 2, |_, grad| {
+                // Each worker has one of the levels.
+                both.wait();
+                grad[0] += 1.0;
+                if rayon::current_thread_index() != worker {
+                    let (second, gradient) = (second.clone(), first.clone());
+                    let (tell, finished) = mpsc::channel();
+                    rayon::spawn(move || {
+                        second(&gradient, &small());
+                        let _ = tell.send(());
+                    });
+                    // Until the first worker has done it: this one is busy. It ends even where that one never does.
+                    let _ = finished.recv_timeout(LONG);
+                }
+            });
+            let _ = tell.send(());
+        });
+        let ended = finished.recv_timeout(2 * LONG);
+        assert!(ended.is_ok(), "a pass waits for itself");
+        let dense = gradient.to_dense();
+        assert_eq!(dense[0], 2.0);
+        assert_eq!(dense[FEATURES * layout.levels[1].offset], 2.0);
+        assert_eq!(dense.iter().sum::<f32>(), 4.0);
+        assert_eq!(gradient.touched_blocks(), 2);
+    }
+
+    #[test]
+    fn passes_that_are_added_may_run_beside_each_other() {
+        passes_beside_each_other(|gradient, layout| {
+            gradient.accumulate_levels(layout, 2, |_, grad| grad[0] += 1.0);
+        });
+    }
+
+    #[test]
+    fn passes_that_wait_may_be_settled_beside_another() {
+        passes_beside_each_other(|gradient, layout| {
+            for pass in 0..=MOST_WAITING {
+                gradient.defer_levels(layout, 2, move |_, grad, touched| {
+                    grad[0] += f32::from(u8::from(pass == 0));
+                    touched[0] = 1;
+                });
+            }
+        });
+    }
+
+    #[test]
+    fn whoever_looks_waits_for_who_is_at_work() {
+        let layout = small();
+        let gradient = SparseGrad::new(&layout);
+        let (begin, begun) = mpsc::channel();
+        std::thread::scope(|threads| {
+            threads.spawn(|| {
+                gradient.accumulate_levels(&layout, 1, |_, grad| {
+                    let _ = begin.send(());
+                    std::thread::sleep(Duration::from_millis(50));
+                    grad[0] = 1.0;
+                });
+            });
+            begun.recv_timeout(LONG).unwrap();
+            assert_eq!(gradient.touched_blocks(), 1);
+        });
     }
 }

@@ -128,7 +128,8 @@ impl LazyAdam {
 
     /// One step down the gradient, which is at rest afterwards.
     ///
-    /// `table` is `[entries, 2]`. A step counts even when nothing was touched.
+    /// `table` is `[entries, 2]`. A step counts even when nothing was touched. It waits for passes that are being added to the
+    /// gradient, as [`SparseGrad`] says.
     ///
     /// # Panics
     /// When the table or the gradient is of another size than the optimiser's.
@@ -244,7 +245,7 @@ fn descend<T: Stored>(
     moments: &mut [T],
     visited: &mut [u32],
 ) {
-    let mut buffer = gradient.lock_on_host();
+    let mut buffer = gradient.take_on_host();
     if let Some((waiting, levels)) = buffer.take_waiting() {
         let parts = Parts {
             table,
@@ -291,7 +292,7 @@ impl TableUpdate for Step<'_> {
         self.adam
             .check(table.meta.shape().num_elements(), self.gradient);
         let table = gpu_tensors::own(table);
-        self.gradient.accumulate_on_device(&table, |gradient| {
+        self.gradient.use_up_on_device(&table, |gradient| {
             self.adam
                 .step_on_device(&table, gradient, self.learning_rate);
         });
