@@ -26,6 +26,8 @@ mod outer;
 mod points;
 #[cfg(feature = "cube")]
 mod rates;
+#[cfg(all(test, feature = "wgpu"))]
+mod refusals;
 #[cfg(feature = "cube")]
 mod running_sums;
 #[cfg(feature = "cube")]

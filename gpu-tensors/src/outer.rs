@@ -76,9 +76,16 @@ impl Tile {
 
 /// The gradients of a layer `[outputs, inputs]` and its bias: `G X^T` for the gradients `G` of its
 /// outputs and its inputs `X`, whose last row is the bias' input.
+///
+/// # Panics
+/// When they are not of the same points, one has no rows, or data do not have what rows and points promise.
 #[must_use]
 pub fn layer_gradients(gradient: &PointMatrix, x: &PointMatrix) -> (CubeTensor, CubeTensor) {
     assert_eq!(gradient.points, x.points, "layer_gradients: points");
+    for matrix in [gradient, x] {
+        matrix.expect_whole("layer_gradients");
+        assert!(matrix.rows > 0, "layer_gradients: a matrix without rows");
+    }
     let (outputs, inputs) = (gradient.rows, x.rows - 1);
     let like = &x.data;
     if x.points == 0 {

@@ -53,8 +53,12 @@ pub struct PointMatrix {
 
 impl PointMatrix {
     /// A matrix of arbitrary content where `like` is; `points` must be padded already.
+    ///
+    /// # Panics
+    /// When they are not.
     #[must_use]
     pub fn fresh(like: &CubeTensor, rows: usize, points: usize) -> Self {
+        expect_padded(points);
         Self {
             data: fresh(like, [padded(rows), points]),
             rows,
@@ -63,14 +67,37 @@ impl PointMatrix {
     }
 
     /// A matrix of zeros.
+    ///
+    /// # Panics
+    /// As [`PointMatrix::fresh`].
     #[must_use]
     pub fn zeros(like: &CubeTensor, rows: usize, points: usize) -> Self {
+        expect_padded(points);
         Self {
             data: zeros(like, [padded(rows), points]),
             rows,
             points,
         }
     }
+
+    /// Panics unless the data has what rows and points promise, as the fields are public: kernels look at nothing else.
+    pub(crate) fn expect_whole(&self, op: &str) {
+        expect_padded(self.points);
+        let (shape, expected) = (self.data.meta.shape(), [padded(self.rows), self.points]);
+        assert!(
+            shape[..] == expected,
+            "{op}: a matrix of {} rows and {} points is {shape:?}, not {expected:?}",
+            self.rows,
+            self.points
+        );
+    }
+}
+
+fn expect_padded(points: usize) {
+    assert!(
+        points.is_multiple_of(BLOCK),
+        "PointMatrix: {points} points are not padded to whole blocks of {BLOCK}"
+    );
 }
 
 /// `count` rounded up to whole blocks.

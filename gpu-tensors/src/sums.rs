@@ -15,9 +15,13 @@ const PARTS: usize = 8;
 const AHEAD: usize = 4;
 
 /// The sums of `count` columns of `[n, width]`, from `first` on: `[count]`; zeros when there are no rows.
+///
+/// # Panics
+/// When the matrix has no such columns, is none, or is not row-major.
 #[must_use]
 pub fn column_sums(matrix: &CubeTensor, first: usize, count: usize) -> CubeTensor {
-    let rows = matrix.meta.shape()[0];
+    let (rows, width) = (matrix.meta.shape()[0], matrix.meta.shape()[1]);
+    expect_columns(width, first, count);
     if rows == 0 {
         return zeros(matrix, [count]);
     }
@@ -26,6 +30,14 @@ pub fn column_sums(matrix: &CubeTensor, first: usize, count: usize) -> CubeTenso
     let sums = fresh(matrix, [count]);
     launch(&partial, 0, count, partial.meta.shape()[0], &sums);
     sums
+}
+
+/// Panics unless `count` columns from `first` on are some of `width`.
+fn expect_columns(width: usize, first: usize, count: usize) {
+    assert!(
+        first <= width && count <= width - first,
+        "column_sums: {count} columns from {first} on, of a matrix of {width}"
+    );
 }
 
 /// The same of all columns in turn, as two tensors of which the shapes say how many columns each has.
@@ -148,5 +160,19 @@ fn apart_kernel(
         } else {
             then[column - count] = sum;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_that_are_not_there_are_refused() {
+        let refused =
+            |first, count| std::panic::catch_unwind(|| expect_columns(12, first, count)).is_err();
+        assert!(!refused(0, 12) && !refused(2, 3) && !refused(11, 1) && !refused(12, 0));
+        assert!(refused(0, 13) && refused(11, 2) && refused(12, 1) && refused(13, 0));
+        assert!(refused(1, usize::MAX) && refused(usize::MAX, 2));
     }
 }

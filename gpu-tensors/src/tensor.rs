@@ -226,10 +226,16 @@ pub fn read(tensor: &CubeTensor) -> Vec<f32> {
 /// A row-major tensor's memory as a kernel's argument.
 ///
 /// # Panics
-/// When the tensor is not row-major.
+/// When the tensor is not row-major, or its values are neither `f32` nor 32-bit integers: kernels index memory as if
+/// each took four bytes.
 #[must_use]
 pub fn buffer(tensor: &CubeTensor) -> BufferArg {
     expect_row_major(tensor);
+    assert!(
+        matches!(tensor.dtype, DType::F32 | DType::I32 | DType::U32),
+        "gpu-tensors: expected a tensor of f32 or of 32-bit integers, not {:?}",
+        tensor.dtype
+    );
     tensor.clone().into_buffer_arg()
 }
 
@@ -263,17 +269,61 @@ impl Uploaded {
 /// Workgroups of [`UNITS`] threads with at least one thread for each of `items`, spread over the
 /// grid's axes where one axis is too short. Threads from `items` on have nothing to do; `items` of
 /// zero must not be launched.
+///
+/// # Panics
+/// As [`workgroups`].
 #[must_use]
 pub fn units_for(client: &Client, items: usize) -> (CubeCount, CubeDim) {
     workgroups(client, items.div_ceil(UNITS as usize), UNITS as usize)
 }
 
 /// At least so many workgroups of so many threads, spread likewise; those beyond have nothing to do.
+///
+/// # Panics
+/// When there are more threads than 32 bits number, which is what kernels tell them apart by: launch fewer at once.
 #[must_use]
 pub fn workgroups(client: &Client, count: usize, threads: usize) -> (CubeCount, CubeDim) {
+    // Before the grid is made, for which the number of workgroups is cut to 32 bits, and of the grid, which may have more.
+    expect_numbered([count], threads);
     let dim = CubeDim::new_1d(threads as u32);
-    (
-        calculate_cube_count_elemwise(client, count * threads, dim),
-        dim,
-    )
+    let grid = calculate_cube_count_elemwise(client, count * threads, dim);
+    if let CubeCount::Static(x, y, z) = grid {
+        expect_numbered([x, y, z].map(|along| along as usize), threads);
+    }
+    (grid, dim)
+}
+
+/// Panics unless each thread of a grid of workgroups has a number of its own.
+fn expect_numbered<const D: usize>(grid: [usize; D], threads: usize) {
+    const MOST: u128 = 1 << 32;
+    let all = grid.iter().fold(threads as u128, |all, along| {
+        all.saturating_mul(*along as u128)
+    });
+    assert!(
+        all <= MOST,
+        "gpu-tensors: a kernel numbers up to 2^32 threads, not {all}; launch fewer at once"
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_without_a_number_of_their_own_are_refused() {
+        let refused =
+            |grid: [usize; 3]| std::panic::catch_unwind(|| expect_numbered(grid, 64)).is_err();
+        assert!(!refused([0, 0, 0]));
+        assert!(!refused([1 << 26, 1, 1]));
+        assert!(refused([(1 << 26) + 1, 1, 1]));
+        assert!(!refused([1 << 13, 1 << 13, 1]));
+        assert!(refused([1 << 13, 1 << 13, 2]));
+        // Cut to 32 bits they would be none, and few.
+        assert!(refused([1 << 32, 1, 1]));
+        assert!(refused([
+            u32::MAX as usize,
+            u32::MAX as usize,
+            u32::MAX as usize
+        ]));
+    }
 }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::hash::Hash;
+use crate::layout::{LevelLayout, MOST_ENTRIES};
 
 /// How a point's value is blended from the eight corners of its cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,6 +99,11 @@ pub enum GridConfigError {
     /// Table indices are 32 bit, and a level has at least one block of entries.
     #[error("the log2 of a hash table's size must be within 6..=26, not {0}")]
     TableSize(u32),
+    /// So many levels have more values in all than 32 bits count.
+    #[error(
+        "the {0} levels of a hash grid must have fewer than 2^31 entries in all: choose fewer levels or smaller ones"
+    )]
+    Entries(usize),
 }
 
 impl GridConfig {
@@ -118,6 +124,14 @@ impl GridConfig {
         }
         if !(6..=26).contains(&self.log2_table_size) {
             return Err(GridConfigError::TableSize(self.log2_table_size));
+        }
+        // Level by level, which ends soon whatever their number: each has entries.
+        let mut entries = 0;
+        for level in 0..self.levels {
+            entries += LevelLayout::new(self, level, 0).entries;
+            if entries > MOST_ENTRIES {
+                return Err(GridConfigError::Entries(self.levels));
+            }
         }
         Ok(())
     }

@@ -13,7 +13,7 @@ use gpu_tensors::{AtomicSum, cubecl};
 
 use crate::config::Interpolation;
 use crate::hash::PRIMES;
-use crate::layout::{FEATURES, GridLayout};
+use crate::layout::GridLayout;
 use cubecl::prelude::*;
 pub use entries::{DeviceTable, Entries, Half, Single};
 
@@ -24,14 +24,16 @@ pub const LEVEL_WORDS: usize = 4;
 /// than the base-2 logarithm of the side of what is hashed as one.
 ///
 /// # Panics
-/// When a level could send a kernel outside its table: the fields are public.
+/// When a level could send a kernel outside a table of [`GridLayout::entries`], as the fields are public: one that is not
+/// valid by itself or does not begin where the one before it ends, the first one at 0, or so many entries that 32 bits do not
+/// count their values.
 #[must_use]
 pub fn level_words(layout: &GridLayout) -> Vec<u32> {
+    layout.check_for_kernels();
     layout
         .levels
         .iter()
         .flat_map(|level| {
-            crate::cpu::check_level(level, FEATURES * level.entries);
             [
                 level.resolution,
                 level.offset as u32,

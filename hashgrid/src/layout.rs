@@ -10,6 +10,9 @@ pub const FEATURES: usize = 2;
 /// Each level starts at a block and fills whole blocks.
 pub const BLOCK_ENTRIES: usize = 8;
 
+/// The most entries of a table: kernels on GPUs reach its values by 32-bit indices.
+pub(crate) const MOST_ENTRIES: usize = u32::MAX as usize / FEATURES;
+
 /// One level of a [`GridLayout`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LevelLayout {
@@ -55,25 +58,11 @@ impl GridLayout {
     /// See [`GridConfig::validate`].
     pub fn try_new(config: &GridConfig) -> Result<Self, GridConfigError> {
         config.validate()?;
-        let table_size = 1_usize << config.log2_table_size;
         let mut offset = 0;
         let levels = (0..config.levels)
             .map(|level| {
-                let resolution = resolution(config, level);
-                let nodes = (u64::from(resolution) + 1).pow(3);
-                let hash = (nodes > table_size as u64).then_some(config.hash);
-                let entries = if hash.is_some() {
-                    table_size
-                } else {
-                    (nodes as usize).next_multiple_of(BLOCK_ENTRIES)
-                };
-                let layout = LevelLayout {
-                    resolution,
-                    offset,
-                    entries,
-                    hash,
-                };
-                offset += entries;
+                let layout = LevelLayout::new(config, level, offset);
+                offset += layout.entries;
                 layout
             })
             .collect();
@@ -94,6 +83,48 @@ impl GridLayout {
     /// Number of features of an encoded point, `2 L`.
     pub fn features(&self) -> usize {
         FEATURES * self.levels.len()
+    }
+
+    /// Panics unless kernels on GPUs, which have the whole table and check nothing, stay inside it: each level is valid and
+    /// begins where the one before it ends, and 32-bit indices reach the last value.
+    #[cfg(any(feature = "cube", test))]
+    pub(crate) fn check_for_kernels(&self) {
+        let mut end = 0;
+        for level in &self.levels {
+            crate::cpu::check_level(level, FEATURES * level.entries);
+            assert_eq!(
+                level.offset, end,
+                "hashgrid: not where the level before it ends: {level:?}"
+            );
+            end += level.entries;
+        }
+        // The table has as many entries as its layout says.
+        assert_eq!(end, self.entries(), "hashgrid: entries of all levels");
+        assert!(
+            end <= MOST_ENTRIES,
+            "hashgrid: kernels index a table of up to {MOST_ENTRIES} entries, not {end}"
+        );
+    }
+}
+
+impl LevelLayout {
+    /// Lays out a level of a `config` of which all but the table's size is checked.
+    pub(crate) fn new(config: &GridConfig, level: usize, offset: usize) -> Self {
+        let table_size = 1_usize << config.log2_table_size;
+        let resolution = resolution(config, level);
+        let nodes = (u64::from(resolution) + 1).pow(3);
+        let hash = (nodes > table_size as u64).then_some(config.hash);
+        let entries = if hash.is_some() {
+            table_size
+        } else {
+            (nodes as usize).next_multiple_of(BLOCK_ENTRIES)
+        };
+        Self {
+            resolution,
+            offset,
+            entries,
+            hash,
+        }
     }
 }
 
@@ -159,5 +190,51 @@ mod tests {
                 finest: 8
             }
         );
+        // Each of 2^26 entries.
+        let large = |levels| GridConfig {
+            levels,
+            base_resolution: 1024,
+            log2_table_size: 26,
+            ..GridConfig::default()
+        };
+        assert_eq!(large(31).validate(), Ok(()));
+        for levels in [32, usize::MAX] {
+            let error = large(levels).validate().unwrap_err();
+            assert_eq!(error, GridConfigError::Entries(levels));
+        }
+    }
+
+    fn is_refused(change: impl FnOnce(&mut GridLayout)) -> bool {
+        let mut layout = GridLayout::new(&GridConfig {
+            levels: 3,
+            log2_table_size: 10,
+            ..GridConfig::default()
+        });
+        change(&mut layout);
+        std::panic::catch_unwind(|| layout.check_for_kernels()).is_err()
+    }
+
+    #[test]
+    fn kernels_are_given_levels_that_lie_in_their_table_alone() {
+        assert!(!is_refused(|_| {}));
+        assert!(!is_refused(|layout| layout.levels.truncate(2)));
+        assert!(!is_refused(|layout| layout.levels.clear()));
+        // The table would end with what was the first level.
+        assert!(is_refused(|layout| layout.levels.reverse()));
+        assert!(is_refused(|layout| layout.levels[1].offset += 8));
+        assert!(is_refused(|layout| layout.levels[2].offset += 1 << 32));
+        assert!(is_refused(|layout| layout.levels[1].entries -= 1));
+        assert!(is_refused(|layout| {
+            let level = LevelLayout {
+                entries: 1 << 30,
+                offset: 0,
+                ..layout.levels[2].clone()
+            };
+            let at = |offset| LevelLayout {
+                offset,
+                ..level.clone()
+            };
+            layout.levels = vec![at(0), at(1 << 30)];
+        }));
     }
 }

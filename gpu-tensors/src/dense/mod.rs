@@ -30,16 +30,27 @@ pub struct Packed {
 
 impl Packed {
     /// Of a layer `[outputs, inputs]` with its bias, which is the weight of one more input.
+    ///
+    /// # Panics
+    /// When the layer has no outputs or no inputs, or the bias is not one for each output.
     #[must_use]
     pub fn forward(weight: &CubeTensor, bias: &CubeTensor) -> Self {
-        let (outputs, inputs) = (weight.meta.shape()[0], weight.meta.shape()[1]);
+        let (outputs, inputs) = sizes(weight);
+        assert_eq!(
+            bias.meta.shape().num_elements(),
+            outputs,
+            "Packed: values of the bias and outputs of the layer"
+        );
         Self::new(weight, Some(bias), inputs + 1, outputs)
     }
 
     /// Of the way back through a layer `[outputs, inputs]`: from its outputs' gradients to its inputs'.
+    ///
+    /// # Panics
+    /// When the layer has no outputs or no inputs.
     #[must_use]
     pub fn backward(weight: &CubeTensor) -> Self {
-        let (outputs, inputs) = (weight.meta.shape()[0], weight.meta.shape()[1]);
+        let (outputs, inputs) = sizes(weight);
         Self::new(weight, None, outputs, inputs)
     }
 
@@ -85,22 +96,34 @@ impl Packed {
     }
 
     /// The layer without an activation.
+    ///
+    /// # Panics
+    /// When `x` does not have a row for each of the layer's inputs, of which the bias' is the last, or its data do not have
+    /// what rows and points promise.
     #[must_use]
     pub fn apply(&self, x: &PointMatrix) -> PointMatrix {
         self.apply_to(x, x.points)
     }
 
     /// The same at the first `points` of `x` alone, a multiple of [`BLOCK`].
+    ///
+    /// # Panics
+    /// As [`Packed::apply`], and when there are not so many points or they are no such multiple.
     #[must_use]
     pub fn apply_to(&self, x: &PointMatrix, points: usize) -> PointMatrix {
+        expect_part("points", points, x.points);
         let y = PointMatrix::fresh(&x.data, self.outputs, points);
         self.launch(x, &y, None, Activation::Linear, self.all());
         y
     }
 
     /// The same where all rows of `x` from `inputs` on are zero, but the bias'.
+    ///
+    /// # Panics
+    /// As [`Packed::apply`], and when there are not so many inputs besides the last one.
     #[must_use]
     pub fn apply_first(&self, x: &PointMatrix, inputs: usize) -> PointMatrix {
+        expect_part("inputs before the last one", inputs, self.inputs - 1);
         let y = PointMatrix::fresh(&x.data, self.outputs, x.points);
         let used = Used {
             inputs,
@@ -111,8 +134,12 @@ impl Packed {
     }
 
     /// The first `outputs` of the layer; what the other rows hold is arbitrary.
+    ///
+    /// # Panics
+    /// As [`Packed::apply`], and when there are not so many outputs.
     #[must_use]
     pub fn first_outputs(&self, x: &PointMatrix, outputs: usize) -> PointMatrix {
+        expect_part("outputs", outputs, self.outputs);
         let y = PointMatrix::fresh(&x.data, self.outputs, x.points);
         let used = Used {
             outputs,
@@ -130,6 +157,9 @@ impl Packed {
     }
 
     /// The layer and a ReLU, and below its outputs a row of ones: the input of the next layer's bias.
+    ///
+    /// # Panics
+    /// As [`Packed::apply`].
     #[must_use]
     pub fn relu(&self, x: &PointMatrix) -> PointMatrix {
         let y = PointMatrix::fresh(&x.data, self.outputs + 1, x.points);
@@ -137,9 +167,17 @@ impl Packed {
         y
     }
 
-    /// The layer, zero where `gate` is: the way back through a ReLU whose result that was.
+    /// The layer, zero where `gate` is: the way back through a ReLU whose result that was. Rows of it below the layer's outputs
+    /// do not matter.
+    ///
+    /// # Panics
+    /// As [`Packed::apply`], and when `gate` has fewer rows than the layer has outputs, is of other points than `x`, or its data
+    /// do not have what rows and points promise.
     #[must_use]
     pub fn gated(&self, x: &PointMatrix, gate: &PointMatrix) -> PointMatrix {
+        gate.expect_whole("Packed");
+        expect_part("outputs", self.outputs, gate.rows);
+        assert_eq!(gate.points, x.points, "Packed: points of the gate");
         let y = PointMatrix::fresh(&x.data, self.outputs, x.points);
         self.launch(x, &y, Some(gate), Activation::Gated, self.all());
         y
@@ -157,6 +195,7 @@ impl Packed {
             self.inputs, x.rows,
             "Packed: inputs of the layer and rows of the matrix"
         );
+        x.expect_whole("Packed");
         if y.points == 0 {
             return;
         }
@@ -236,6 +275,23 @@ impl Packed {
             );
         }
     }
+}
+
+/// Outputs and inputs of a layer `[outputs, inputs]`. Kernels read the last weight in place of one that is not there, so
+/// there must be one.
+fn sizes(weight: &CubeTensor) -> (usize, usize) {
+    let shape = weight.meta.shape();
+    let (outputs, inputs) = (shape[0], shape[1]);
+    assert!(
+        outputs > 0 && inputs > 0,
+        "Packed: a layer {shape:?} without outputs or inputs"
+    );
+    (outputs, inputs)
+}
+
+/// Panics unless there are at least so many of `what`.
+fn expect_part(what: &str, wanted: usize, there: usize) {
+    assert!(wanted <= there, "Packed: {wanted} {what}, of {there}");
 }
 
 /// Bytes that a workgroup's threads may share.

@@ -1,6 +1,6 @@
 //! Which cell a point lies in, the table indices of its corners, and its weights: 16 points at once.
 
-use crate::layout::{FEATURES, LevelLayout};
+use crate::layout::{BLOCK_ENTRIES, FEATURES, LevelLayout};
 
 /// Points handled together, one to a lane.
 pub(crate) const LANES: usize = 16;
@@ -123,16 +123,22 @@ pub(crate) fn prefetch(at: *const f32) {
 
 /// Panics unless every index that [`locate`] can return for `level` lies within `values`.
 ///
-/// This is what the unchecked accesses of the kernels rest on, as a level's fields are public.
+/// This is what the unchecked accesses of the kernels rest on, as a level's fields are public. Blocks are whole, so that
+/// there is a flag for each entry's block.
 pub(crate) fn check_level(level: &LevelLayout, values: usize) {
-    let side = u64::from(level.resolution) + 1;
-    let fits = if level.hash.is_some() {
-        level.entries.is_power_of_two()
-    } else {
-        side.pow(3) <= level.entries as u64
+    // First, for the nodes' number to fit 64 bits.
+    let is_bounded = (1..=1 << 20).contains(&level.resolution) && level.entries <= 1 << 31;
+    let fits = |side: u64| {
+        if level.hash.is_some() {
+            level.entries.is_power_of_two()
+        } else {
+            side.pow(3) <= level.entries as u64
+        }
     };
     assert!(
-        fits && (1..=1 << 20).contains(&level.resolution) && level.entries <= 1 << 31,
+        is_bounded
+            && fits(u64::from(level.resolution) + 1)
+            && level.entries.is_multiple_of(BLOCK_ENTRIES),
         "hashgrid: not a valid level: {level:?}"
     );
     assert_eq!(
@@ -141,4 +147,36 @@ pub(crate) fn check_level(level: &LevelLayout, values: usize) {
         "hashgrid: number of values for a level of {} entries",
         level.entries
     );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hash::Hash;
+
+    fn refused(resolution: u32, entries: usize, hash: Option<Hash>) -> bool {
+        let level = LevelLayout {
+            resolution,
+            offset: 0,
+            entries,
+            hash,
+        };
+        let values = entries.saturating_mul(FEATURES);
+        std::panic::catch_unwind(|| check_level(&level, values)).is_err()
+    }
+
+    #[test]
+    fn levels_that_kernels_would_leave_are_refused() {
+        let hashed = Some(Hash::Nodes);
+        assert!(!refused(2, 32, None));
+        assert!(!refused(2, 8, hashed));
+        // Of 27 entries the last three are in a block without a flag.
+        assert!(refused(2, 27, None));
+        assert!(refused(1, 4, hashed));
+        assert!(refused(3, 32, None));
+        assert!(refused(0, 32, None));
+        assert!(refused(2, 24, hashed));
+        assert!(refused(u32::MAX, 32, None));
+        assert!(refused(2, 1 << 32, hashed));
+    }
 }

@@ -25,7 +25,7 @@ mod tiers;
 mod tile;
 
 pub(crate) use cells::LANES;
-#[cfg(feature = "cube")]
+#[cfg(any(feature = "cube", test))]
 pub(crate) use cells::check_level;
 pub use level::{encode_level, fetch, level_values};
 pub(crate) use scatter::scatter_full;

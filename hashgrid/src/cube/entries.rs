@@ -7,7 +7,7 @@ use gpu_tensors::{CubeTensor, buffer, contiguous, cubecl, fresh_words, units_for
 
 use super::{Pair, pair};
 use crate::config::TableReads;
-use crate::layout::GridLayout;
+use crate::layout::{FEATURES, GridLayout};
 use cubecl::prelude::*;
 
 /// How a kernel reads the entries of a table.
@@ -55,8 +55,16 @@ pub struct DeviceTable {
 
 impl DeviceTable {
     /// Of a table `[entries, 2]`: itself, or a copy, as its layout says.
+    ///
+    /// # Panics
+    /// When the table is of another shape than the layout asks for, or not of type `f32`.
     #[must_use]
     pub fn new(table: CubeTensor, layout: &GridLayout) -> Self {
+        let (shape, expected) = (table.meta.shape(), [layout.entries(), FEATURES]);
+        assert!(
+            shape[..] == expected,
+            "DeviceTable: table is {shape:?}, but the layout asks for {expected:?}"
+        );
         let reads = layout.device_reads;
         let table = contiguous(table);
         let data = match reads {

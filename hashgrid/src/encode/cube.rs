@@ -25,7 +25,7 @@ impl EncodeOps for Cube {
         table: FloatTensor<Self>,
         config: EncodeConfig,
     ) -> FloatTensor<Self> {
-        let n = points.shape()[0];
+        let n = checked("encode", &points, None, &config, 1);
         let features = config.layout.features();
         let out = fresh(&points, [n, features]);
         forward(points, table, &config, &out, 1);
@@ -37,7 +37,13 @@ impl EncodeOps for Cube {
         table: FloatTensor<Self>,
         config: EncodeConfig,
     ) -> FloatTensor<Self> {
-        let n = points.shape()[0];
+        let n = checked(
+            "encode_with_jacobian",
+            &points,
+            None,
+            &config,
+            WITH_JACOBIAN,
+        );
         let features = config.layout.features();
         let out = fresh(&points, [n, features, WITH_JACOBIAN]);
         forward(points, table, &config, &out, WITH_JACOBIAN);
@@ -52,6 +58,7 @@ impl EncodeBackward for Cube {
         config: &EncodeConfig,
     ) -> FloatTensor<Self> {
         let width = if grad.rank() == 2 { 1 } else { WITH_JACOBIAN };
+        checked("encode's gradient", &points, Some(&grad), config, width);
         let out = zeros(&points, [config.layout.entries(), FEATURES]);
         if has_native_sum(&points.client) {
             table_gradient::<NativeSum>(points, grad, config, &out, width);
@@ -67,7 +74,7 @@ impl EncodeBackward for Cube {
         grad: FloatTensor<Self>,
         config: &EncodeConfig,
     ) -> FloatTensor<Self> {
-        let n = points.shape()[0];
+        let n = checked("encode's gradient", &points, Some(&grad), config, 1);
         let out = fresh(&points, [n, 3]);
         if n > 0 {
             let table = DeviceTable::new(table, &config.layout);
@@ -80,6 +87,36 @@ impl EncodeBackward for Cube {
         }
         out
     }
+}
+
+/// The number of `points`.
+///
+/// # Panics
+/// When kernels would read or write beyond them or beyond `width` numbers for each of their features, which are those of
+/// `grad` if there is one. Tables are checked by themselves: [`DeviceTable::new`].
+fn checked(
+    op: &str,
+    points: &CubeTensor,
+    grad: Option<&CubeTensor>,
+    config: &EncodeConfig,
+    width: usize,
+) -> usize {
+    let shape = points.shape();
+    let n = shape[0];
+    assert!(
+        shape[..] == [n, 3],
+        "{op}: points are {shape:?}, not [n, 3]"
+    );
+    config.check_for_kernels(op, n, width);
+    if let Some(grad) = grad {
+        let (found, expected) = (grad.shape(), n * config.layout.features() * width);
+        assert_eq!(
+            found.num_elements(),
+            expected,
+            "{op}: numbers that came back, {found:?}"
+        );
+    }
+    n
 }
 
 fn forward(
@@ -110,7 +147,7 @@ fn forward_from<E: Entries>(
     let client = &out.client;
     let levels = config.layout.levels.len();
     let (count, dim) = units_for(client, n * levels);
-    // SAFETY: threads beyond the points return at once; `level_words` has checked the levels.
+    // SAFETY: threads beyond the points return at once; `level_words` has checked the levels, and `checked` the rest.
     unsafe {
         forward_kernel::launch_unchecked::<E>(
             client,
@@ -139,7 +176,7 @@ fn points_gradient<E: Entries>(
     let n = points.shape()[0];
     let client = &out.client;
     let (count, dim) = units_for(client, n);
-    // SAFETY: threads beyond the points return at once; `level_words` has checked the levels.
+    // SAFETY: threads beyond the points return at once; `level_words` has checked the levels, and `checked` the rest.
     unsafe {
         points_kernel::launch_unchecked::<E>(
             client,
@@ -171,7 +208,7 @@ fn table_gradient<A: AtomicSum>(
     }
     let client = &out.client;
     let (count, dim) = units_for(client, FEATURES * n * config.active_levels);
-    // SAFETY: threads beyond the points return at once; `level_words` has checked the levels.
+    // SAFETY: threads beyond the points return at once; `level_words` has checked the levels, and `checked` the rest.
     unsafe {
         table_kernel::launch_unchecked::<A>(
             client,

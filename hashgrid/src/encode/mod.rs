@@ -39,6 +39,26 @@ pub struct EncodeConfig {
     pub active_levels: usize,
 }
 
+#[cfg(any(feature = "cube", test))]
+impl EncodeConfig {
+    /// Panics unless kernels on GPUs, which check nothing, find `n` points and `width` numbers for each of their features
+    /// where 32-bit indices reach, and all levels that are in use.
+    fn check_for_kernels(&self, op: &str, n: usize, width: usize) {
+        let levels = self.layout.levels.len();
+        assert!(
+            self.active_levels <= levels,
+            "{op}: {} active levels of {levels}",
+            self.active_levels
+        );
+        // A point itself is three numbers.
+        let numbers = n as u64 * (self.layout.features() * width).max(3) as u64;
+        assert!(
+            numbers <= u64::from(u32::MAX),
+            "{op}: {n} points are {numbers} numbers, more than 32-bit indices reach; encode in smaller batches"
+        );
+    }
+}
+
 /// The ops, as backends supply them. Users call [`encode()`] and [`encode_with_jacobian`].
 #[backend_extension(NdArray, Flex, Cube: cfg(feature = "cube"), Autodiff)]
 pub trait EncodeOps: Backend {
@@ -64,7 +84,8 @@ pub trait EncodeOps: Backend {
 /// receives no gradient; NaN counts as 0. Features of levels from `active_levels` on are 0.
 ///
 /// # Panics
-/// When a shape does not fit the layout, or there are fewer levels than `active_levels`.
+/// When a shape does not fit the layout, or there are fewer levels than `active_levels`. On a GPU also when points or
+/// results are more than `2^32 − 1` numbers: encode in smaller batches.
 #[must_use]
 pub fn encode(
     points: Tensor<2>,
@@ -86,7 +107,7 @@ pub fn encode(
 /// trilinear Jacobian almost all of their gradient would be zero anyway.
 ///
 /// # Panics
-/// As [`encode()`], and when `points` is tracked by autodiff: detach it.
+/// As [`encode()`], where results are four numbers for each feature, and when `points` is tracked by autodiff: detach it.
 #[must_use]
 pub fn encode_with_jacobian(
     points: Tensor<2>,
@@ -168,5 +189,38 @@ mod backward {
             grad: FloatTensor<Self>,
             config: &EncodeConfig,
         ) -> FloatTensor<Self>;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::GridConfig;
+
+    fn refused(n: usize, width: usize, levels: usize, active_levels: usize) -> bool {
+        let config = GridConfig {
+            levels,
+            ..GridConfig::default()
+        };
+        let config = EncodeConfig {
+            layout: Arc::new(GridLayout::new(&config)),
+            active_levels,
+        };
+        let check = || config.check_for_kernels("encode", n, width);
+        std::panic::catch_unwind(check).is_err()
+    }
+
+    #[test]
+    fn batches_beyond_32_bit_indices_are_refused() {
+        // 16 levels: 32 numbers a point, 128 with the Jacobian.
+        assert!(!refused((1 << 27) - 1, 1, 16, 16));
+        assert!(refused(1 << 27, 1, 16, 16));
+        assert!(!refused((1 << 25) - 1, 4, 16, 16));
+        assert!(refused(1 << 25, 4, 16, 16));
+        // One level has fewer numbers than a point has coordinates.
+        assert!(!refused((1 << 32) / 3, 1, 1, 1));
+        assert!(refused((1 << 32) / 3 + 1, 1, 1, 1));
+        assert!(!refused(0, 4, 2, 2));
+        assert!(refused(0, 4, 2, 3));
     }
 }

@@ -8,7 +8,7 @@ use gpu_tensors::{CubeTensor, buffer, cubecl, from_slice, read, units_for};
 use super::moments::{Moments, STATE};
 use super::rule::{Rule, power};
 use super::{LazyAdam, LazyAdamConfig};
-use crate::layout::{BLOCK_ENTRIES, FEATURES};
+use crate::layout::{BLOCK_ENTRIES, FEATURES, MOST_ENTRIES};
 use crate::sparse_grad::BLOCK_VALUES;
 use cubecl::prelude::*;
 
@@ -80,12 +80,20 @@ impl DeviceMoments {
 impl LazyAdam {
     /// [`LazyAdam::step`] on the device that `table` is on, in place; `gradient` is `[entries, 2]`,
     /// and zero afterwards.
+    ///
+    /// # Panics
+    /// When 32-bit indices do not reach all of the table's values.
     pub(crate) fn step_on_device(
         &mut self,
         table: &CubeTensor,
         gradient: &CubeTensor,
         learning_rate: f64,
     ) {
+        let entries = self.blocks * BLOCK_ENTRIES;
+        assert!(
+            entries <= MOST_ENTRIES,
+            "LazyAdam: a kernel indexes a table of up to {MOST_ENTRIES} entries, not {entries}"
+        );
         self.steps += 1;
         let moments = match self.device.take() {
             Some(moments) => moments,
@@ -98,7 +106,6 @@ impl LazyAdam {
             }
         };
         let rule = Rule::new(&self.config, self.steps, learning_rate);
-        let entries = self.blocks * BLOCK_ENTRIES;
         let client = &table.client;
         let (count, dim) = units_for(client, entries);
         // SAFETY: threads beyond the entries return at once; `step_grid` has checked the sizes.
