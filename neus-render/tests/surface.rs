@@ -148,7 +148,53 @@ fn the_border_closes_or_cuts() {
     };
     let solid = extract_isosurface(&FnSdf(|_| -1.0), &aabb, &config(37)).unwrap();
     assert_closed(&solid);
-    assert!((solid.volume() / (1.7 * 0.7) - 1.0).abs() < 0.15);
+    // All of the box is in it, but for half a cell along the edges.
+    assert!((solid.volume() / (1.7 * 0.7) - 1.0).abs() < 0.015);
+    let corner = |take: fn(Vec3, Vec3) -> Vec3| solid.positions.iter().copied().reduce(take);
+    assert!(corner(Vec3::min).unwrap().distance(aabb.min) < 1e-6);
+    assert!(corner(Vec3::max).unwrap().distance(aabb.max) < 1e-6);
+}
+
+/// A field that knows nothing of what lies outside the box, be it a cube, blocks full or not, the surface cut off or
+/// not.
+#[test]
+fn the_field_is_asked_within_the_box_alone() {
+    let slab = Aabb {
+        min: Vec3::new(-0.8, -0.5, -0.3),
+        max: Vec3::new(0.9, 0.5, 0.4),
+    };
+    let thin = Aabb {
+        min: Vec3::new(0.2, 0.2, 0.1),
+        max: Vec3::new(1.2, 0.7, 0.107),
+    };
+    let centre = Vec3::new(0.7, 0.2, 0.1);
+    let borders = [Border::Open, Border::Closed];
+    for (aabb, resolution, borders) in [
+        (Aabb::UNIT, 100, &borders[..]),
+        (Aabb::UNIT, 49, &borders),
+        (slab, 37, &borders),
+        // A single layer of cells, of which nothing is left by a border that closes.
+        (thin, 10, &borders[..1]),
+    ] {
+        let ball = FnSdf(|p: Vec3| {
+            let sdf = p.distance(centre) - 0.4;
+            if aabb.contains(p) { sdf } else { f32::NAN }
+        });
+        for &border in borders {
+            let config = IsosurfaceConfig {
+                border,
+                ..config(resolution)
+            };
+            let mesh = extract_isosurface(&ball, &aabb, &config).unwrap();
+            assert!(mesh.positions.iter().all(|&p| aabb.contains(p)));
+            for (p, n) in mesh.positions.iter().zip(&mesh.normals) {
+                assert!((*p - centre).normalize().dot(*n) > 0.99);
+            }
+            if border == Border::Closed {
+                assert_closed(&mesh);
+            }
+        }
+    }
 }
 
 #[test]

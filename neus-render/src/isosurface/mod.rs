@@ -1,10 +1,11 @@
 //! The surface of a signed distance field as a mesh, block by block.
 //!
-//! The box is cut to cubic cells, and these to blocks of 16^3. A first pass evaluates the field at
-//! block centres and drops blocks that the surface can't reach; the others are marched cell by cell
-//! (marching cubes, with cases as in `cases.rs`). Vertices on the edges of cells are shared by
-//! everything around them, blocks included, so the mesh is closed wherever the surface is. Where
-//! the surface runs on into a block that the first pass dropped, that block is marched as well.
+//! The box is cut to cells, cubes as far as whole ones fit into it, and these to blocks of 16^3. A
+//! first pass evaluates the field at block centres and drops blocks that the surface can't reach; the
+//! others are marched cell by cell (marching cubes, with cases as in `cases.rs`). Vertices on the
+//! edges of cells are shared by everything around them, blocks included, so the mesh is closed
+//! wherever the surface is. Where the surface runs on into a block that the first pass dropped, that
+//! block is marched as well.
 
 mod block;
 mod cases;
@@ -37,7 +38,8 @@ pub enum Border {
 /// How finely and how cautiously the surface is searched.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct IsosurfaceConfig {
-    /// Cells along the box's longest edge. Walls thinner than a cell may be missed.
+    /// Cells along the box's longest edge; along the others as many as keep a cell's edges about as long or shorter.
+    /// Walls thinner than a cell may be missed.
     pub resolution: u32,
     /// How much the field may exceed true distances. A block is dropped when the field at its
     /// centre, divided by this, is more than half the block's diagonal.
@@ -83,7 +85,7 @@ pub enum IsosurfaceError {
     },
 }
 
-/// The surface where `field` is zero, within `aabb`.
+/// The surface where `field` is zero, within `aabb`. The field is asked nowhere else.
 ///
 /// ```
 /// use glam::Vec3;
@@ -128,14 +130,15 @@ pub fn extract_isosurface(
         };
         return Err(IsosurfaceError::NoSurface { side });
     }
-    mesh.normals = normals(field, &mesh.positions, 0.5 * lattice.cell);
+    mesh.normals = normals(field, &mesh.positions, &lattice);
     Ok(mesh)
 }
 
 /// The cells of a box.
 struct Lattice {
-    min: Vec3,
-    cell: f32,
+    aabb: Aabb,
+    /// The edges of a cell; the last ones end where the box does.
+    cell: Vec3,
     /// Cells along each axis.
     cells: IVec3,
     /// Blocks along each axis.
@@ -156,16 +159,24 @@ impl Lattice {
         // A little less, so that rounding doesn't add a layer.
         let cells = (size / cell - 1e-3).ceil().as_ivec3().max(IVec3::ONE);
         Ok(Self {
-            min: aabb.min,
-            cell,
+            aabb: *aabb,
+            cell: size / cells.as_vec3(),
             cells,
             blocks: (cells + (BLOCK as i32 - 1)) / BLOCK as i32,
             border: config.border,
         })
     }
 
+    /// Where a node is, or a place between nodes.
     fn position(&self, node: Vec3) -> Vec3 {
-        self.min + node * self.cell
+        // Rounding may put the last one beside the box.
+        (self.aabb.min + node * self.cell).min(self.aabb.max)
+    }
+
+    /// Where the field is asked for a node. Blocks may reach out of the box, where it need not be defined; nothing is
+    /// made of those nodes, and the nearest in the box stands for them.
+    fn place_to_ask(&self, node: Vec3) -> Vec3 {
+        self.position(node.min(self.cells.as_vec3()))
     }
 
     fn block_number(&self, block: IVec3) -> usize {
@@ -187,14 +198,16 @@ impl Lattice {
     fn evaluate_centres(&self, field: &impl SdfBatch) -> Result<Vec<f32>, IsosurfaceError> {
         let points: Vec<Vec3> = self
             .all_blocks()
-            .map(|block| self.position((block.as_vec3() + 0.5) * BLOCK as f32))
+            .map(|block| self.place_to_ask((block.as_vec3() + 0.5) * BLOCK as f32))
             .collect();
         evaluate(field, &points)
     }
 
     /// Blocks that may hold the surface, from the field at block centres.
     fn candidates(&self, centres: &[f32], overestimate: f32) -> VecDeque<IVec3> {
-        let reach = 0.5 * 3.0f32.sqrt() * BLOCK as f32 * self.cell * overestimate.max(1.0);
+        // Enough for a centre that was moved into the box, too: no point of the box is farther from it than before.
+        let cell = self.cell.max_element();
+        let reach = 0.5 * 3.0f32.sqrt() * BLOCK as f32 * cell * overestimate.max(1.0);
         let negative = |block: IVec3| centres[self.block_number(block)] < 0.0;
         let may_hold = |block: &IVec3| {
             let near = centres[self.block_number(*block)].abs() <= reach;
@@ -240,7 +253,7 @@ impl Search<'_> {
             for &block in &batch {
                 let first = block * BLOCK as i32;
                 points.extend(
-                    Block::nodes().map(|node| self.lattice.position((first + node).as_vec3())),
+                    Block::nodes().map(|node| self.lattice.place_to_ask((first + node).as_vec3())),
                 );
             }
             let values = evaluate(field, &points)?;
@@ -320,23 +333,28 @@ fn evaluate(field: &impl SdfBatch, points: &[Vec3]) -> Result<Vec<f32>, Isosurfa
     }
 }
 
-/// Unit gradients at `points` from differences over the corners of a tetrahedron of size `step`.
-fn normals(field: &impl SdfBatch, points: &[Vec3], step: f32) -> Vec<Vec3> {
+/// Unit gradients at `points` from differences over the corners of a tetrahedron that fits into a cell. Where it would
+/// reach out of the box, it is moved inside.
+fn normals(field: &impl SdfBatch, points: &[Vec3], lattice: &Lattice) -> Vec<Vec3> {
     const CORNERS: [Vec3; 4] = [
         Vec3::new(1.0, -1.0, -1.0),
         Vec3::new(-1.0, -1.0, 1.0),
         Vec3::new(-1.0, 1.0, -1.0),
         Vec3::new(1.0, 1.0, 1.0),
     ];
+    let Aabb { min, max } = lattice.aabb;
+    // The same along all axes: a flat tetrahedron would take curvature for slope.
+    let step = 0.5 * lattice.cell.min_element();
+    let (low, high) = (min + step, max - step);
     let mut out = Vec::with_capacity(points.len());
     let (mut around, mut values) = (Vec::new(), Vec::new());
     for points in points.chunks(POINTS_AT_ONCE / CORNERS.len()) {
         around.clear();
-        around.extend(
-            points
-                .iter()
-                .flat_map(|&p| CORNERS.map(|corner| p + step * corner)),
-        );
+        around.extend(points.iter().flat_map(|&p| {
+            // Not `clamp`: with a single cell, rounding may put the lower bound above the upper one.
+            let centre = p.max(low).min(high);
+            CORNERS.map(|corner| (centre + step * corner).clamp(min, max))
+        }));
         values.clear();
         values.resize(around.len(), 0.0);
         field.sdf(&around, &mut values);
