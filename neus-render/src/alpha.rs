@@ -6,6 +6,19 @@
 
 use tensor_slices::elementary::softplus;
 
+/// `x`, or zero where it is less. What is no number stays none: `f32::max` would make it zero, and a broken field
+/// empty space with a loss that looks sound.
+#[inline(always)]
+pub(crate) fn at_least_zero(x: f32) -> f32 {
+    if x < 0.0 { 0.0 } else { x }
+}
+
+/// `x`, or zero where it is more; as [`at_least_zero`] with what is no number.
+#[inline(always)]
+pub(crate) fn at_most_zero(x: f32) -> f32 {
+    if x > 0.0 { 0.0 } else { x }
+}
+
 /// What turns signed distances to opacities, the same for all samples of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NeusParameters {
@@ -22,8 +35,8 @@ impl NeusParameters {
     /// `-(relu(-slope/2 + 1/2) (1 - anneal) + relu(-slope) anneal)`.
     #[inline(always)]
     pub(crate) fn annealed_slope(&self, slope: f32) -> f32 {
-        let soft = (0.5 - 0.5 * slope).max(0.0);
-        let hard = (-slope).max(0.0);
+        let soft = at_least_zero(0.5 - 0.5 * slope);
+        let hard = at_least_zero(-slope);
         -(soft * (1.0 - self.cos_anneal) + hard * self.cos_anneal)
     }
 
@@ -47,7 +60,7 @@ impl NeusParameters {
         } else {
             softplus::<false>(before + log_epsilon)
         };
-        (before - after - floor).min(0.0)
+        at_most_zero(before - after - floor)
     }
 
     /// Logarithm of the small constant; -inf (no effect) for zero.
@@ -71,7 +84,7 @@ pub fn neus_log_survival(sdf: f32, slope: f32, dt: f32, parameters: &NeusParamet
     parameters.log_survival(sdf, slope, dt, parameters.log_epsilon())
 }
 
-/// The opacity of an interval by NeuS (Wang et al. 2021, eq. 13), in [0, 1].
+/// The opacity of an interval by NeuS (Wang et al. 2021, eq. 13), in [0, 1]; NaN if an argument is.
 ///
 /// ```
 /// use neus_render::alpha::{NeusParameters, neus_alpha};
@@ -87,10 +100,11 @@ pub fn neus_alpha(sdf: f32, slope: f32, dt: f32, parameters: &NeusParameters) ->
     -neus_log_survival(sdf, slope, dt, parameters).exp_m1()
 }
 
-/// The opacity of an interval of constant density, `1 - exp(-density * dt)`.
+/// The opacity of an interval of constant density, `1 - exp(-density * dt)`; zero for negative densities, NaN if an
+/// argument is.
 #[inline]
 pub fn density_alpha(density: f32, dt: f32) -> f32 {
-    -(-density.max(0.0) * dt).exp_m1()
+    -(-at_least_zero(density) * dt).exp_m1()
 }
 
 /// Transmittance up to each interval of one ray: `T_i = prod_{j<i} (1 - alpha_j)`; `[n]` to `[n]`.

@@ -12,6 +12,7 @@ use std::sync::Arc;
 
 use burn::tensor::{Device, Tensor, TensorData};
 use neus_render::{
+    alpha::density_alpha,
     composite::{
         CompositeConfig, MatteRole, Packing, Transparency, Visibility, background_column, column,
         composite, composite_reference, object_column, sample_visibility,
@@ -332,6 +333,53 @@ fn extreme_samples_give_finite_values_and_gradients() {
             }
         }
     }
+}
+
+/// A broken field must not pass for empty space: its pixel and gradients are no numbers, those of other rays are.
+#[test]
+fn a_sample_that_is_no_number_is_not_empty_space() {
+    for config in configs() {
+        let clean = Scene {
+            object: vec![[0.1, -0.5, 0.2, 0.3, 0.4, 0.9]; 2],
+            background: vec![[0.1, -0.5, 0.2, 0.3, 0.4]; 2],
+            sharpness: [10.0, 10.0],
+            packing: Packing::new(
+                vec![0, 1, 2],
+                vec![1.0, 1.0],
+                vec![0.1, 0.1],
+                vec![0, 1],
+                vec![0, 1],
+            ),
+            config,
+        };
+        let probe = vec![1.0; 2 * column::COUNT];
+        let check = |spoilt: &Scene, kind: Transparency, column: usize, opacity: usize| {
+            // Densities have no slope.
+            if column == object_column::SLOPE && kind == Transparency::Density {
+                return;
+            }
+            let found = run(spoilt, &probe, &Device::flex(), Which::Kernel);
+            let (broken, sound) = found.pixels.split_at(column::COUNT);
+            for i in [opacity, column::JOINT_OPACITY, column::JOINT_COLOUR] {
+                assert!(broken[i].is_nan(), "column {i} by {column}, {config:?}");
+            }
+            assert!(sound.iter().all(|v| v.is_finite()));
+            for gradient in [found.object, found.background] {
+                let (broken, sound) = gradient.split_at(gradient.len() / 2);
+                assert!(broken[object_column::SDF].is_nan());
+                assert!(sound.iter().all(|v| v.is_finite()));
+            }
+        };
+        for column in [object_column::SDF, object_column::SLOPE] {
+            let (mut object, mut background) = (clean.clone(), clean.clone());
+            object.object[0][column] = f64::NAN;
+            check(&object, config.object, column, column::OBJECT_OPACITY);
+            background.background[0][column] = f64::NAN;
+            let opacity = column::BACKGROUND_OPACITY;
+            check(&background, config.background, column, opacity);
+        }
+    }
+    assert!(density_alpha(f32::NAN, 0.1).is_nan());
 }
 
 #[test]

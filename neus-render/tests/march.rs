@@ -293,6 +293,47 @@ fn a_field_without_grid_is_never_asked() {
 }
 
 #[test]
+fn rays_may_be_endless_where_no_background_is_marched_there() {
+    let (object, background) = (full(16, 1.0), full(16, 2.0));
+    let rays = some_rays(50);
+    let endless = |behind_box| MarchConfig {
+        far: f32::INFINITY,
+        behind_box,
+        ..MarchConfig::default()
+    };
+    for (background, behind_box) in [(None, true), (Some(&background), false)] {
+        let grids = Grids {
+            object: Some(&object),
+            background,
+        };
+        let ends = MarchConfig {
+            behind_box,
+            ..MarchConfig::default()
+        };
+        let intervals = march(&rays, grids, &endless(behind_box));
+        assert!(!intervals.is_empty());
+        assert_eq!(intervals, march(&rays, grids, &ends));
+    }
+}
+
+#[test]
+#[should_panic(
+    expected = "march: the background is marched from 0.01 to inf, which must be finite"
+)]
+fn an_endless_background_is_named() {
+    let background = full(16, 2.0);
+    let grids = Grids {
+        object: None,
+        background: Some(&background),
+    };
+    let config = MarchConfig {
+        far: f32::INFINITY,
+        ..MarchConfig::default()
+    };
+    march(&some_rays(1), grids, &config);
+}
+
+#[test]
 fn too_many_intervals_are_coarsened_not_cut_short() {
     let (object, background) = (full(16, 1.0), full(16, 2.0));
     let grids = Grids {

@@ -15,7 +15,9 @@
 //!
 //! Opacities are NeuS's (Wang et al. 2021, eq. 13, with the midpoint estimate of its section 3.2):
 //! see [`neus_log_survival`](crate::alpha::neus_log_survival) for the stable form used, or those
-//! of a density. Everything is done on `log(1 - a)`, so values and gradients stay finite.
+//! of a density. Everything is done on `log(1 - a)`, so values and gradients stay finite. NaN in a
+//! sample stays NaN in its ray's pixel and gradients; on GPUs as far as the shading language lets it, for
+//! compilers of WGSL may assume that there is none.
 //!
 //! Tensors, all f32: the object's samples are the rows of `[m_f, 6]` (columns [`object_column`]), the
 //! background's those of `[m_b, 5]` ([`background_column`]), sharpnesses `[2]` (F, B), the result

@@ -4,7 +4,7 @@
 use tensor_slices::elementary::{exp_m1_of_small, exp_non_positive, sigmoid, softplus};
 
 use super::Transparency;
-use crate::alpha::NeusParameters;
+use crate::alpha::{NeusParameters, at_least_zero};
 
 /// What one sample does to light.
 #[derive(Clone, Copy)]
@@ -107,7 +107,7 @@ impl Kernel {
     pub(super) fn log_survival(&self, sdf: f32, slope: f32, dt: f32) -> f32 {
         match self.transparency {
             Transparency::Sdf => self.neus.log_survival(sdf, slope, dt, self.log_epsilon),
-            Transparency::Density => -sdf.max(0.0) * dt,
+            Transparency::Density => -at_least_zero(sdf) * dt,
         }
     }
 
@@ -116,7 +116,7 @@ impl Kernel {
     pub(super) fn backward(&self, sdf: f32, slope: f32, dt: f32, g_log: f32) -> Chain {
         if self.transparency == Transparency::Density {
             return Chain {
-                sdf: if sdf > 0.0 { -dt * g_log } else { 0.0 },
+                sdf: if sdf <= 0.0 { 0.0 } else { -dt * g_log },
                 slope: 0.0,
                 sharpness: 0.0,
             };

@@ -68,7 +68,8 @@ pub fn rays_on(device: &Device, rays: &[Ray]) -> Tensor<2> {
 ///
 /// # Panics
 /// When the rays' shape is another, the capacity is zero or above `i32::MAX - 1`, a step has no length, there are more
-/// than 2^20 background samples, or the device is not one of CubeCL's.
+/// than 2^20 background samples, the background would be marched from or to infinity (see [`MarchConfig::far`]), or
+/// the device is not one of CubeCL's.
 pub fn march_on_device(
     rays: Tensor<2>,
     grids: DeviceGrids<'_>,
@@ -94,6 +95,7 @@ pub fn march_on_device(
         "march_on_device: {} background samples are more than {MOST_SAMPLES}",
         config.background_samples
     );
+    config.check("march_on_device", grids.background.is_some());
     let rays = rays.without_autodiff();
     let device = rays.device();
     let offsets: Vec<f32> = (0..count).map(|ray| config.jitter.offset(ray)).collect();

@@ -82,9 +82,10 @@ pub struct MarchConfig {
     /// Whether rays go on behind the object box. Without it, only what stands before the object or
     /// around it is found: enough for mattes.
     pub behind_box: bool,
-    /// Where rays begin.
+    /// Where rays begin; finite where there is a background.
     pub near: f32,
-    /// Where rays end.
+    /// Where rays end; finite where the background behind the box is marched, whose last interval ends there and has
+    /// a midpoint. Contracted, distances above 10^7 are as good as infinite.
     pub far: f32,
     /// Where the raster of steps lies.
     pub jitter: Jitter,
@@ -108,6 +109,20 @@ impl Default for MarchConfig {
             jitter: Jitter::Fixed,
             max_intervals_per_ray: 1024,
         }
+    }
+}
+
+impl MarchConfig {
+    /// Panics, naming `op`, when an interval of the background would have no midpoint.
+    #[track_caller]
+    fn check(&self, op: &str, has_background: bool) {
+        let ends = self.near.is_finite() && (self.far.is_finite() || !self.behind_box);
+        assert!(
+            ends || !has_background,
+            "{op}: the background is marched from {} to {}, which must be finite",
+            self.near,
+            self.far
+        );
     }
 }
 
@@ -149,6 +164,9 @@ impl Marcher {
     /// Marches `rays` into `out`, whose former content is dropped and whose memory is used again.
     ///
     /// The result doesn't depend on the number of threads.
+    ///
+    /// # Panics
+    /// When the background would be marched from or to infinity: see [`MarchConfig::far`].
     pub fn march(
         &mut self,
         rays: &[Ray],
@@ -156,6 +174,7 @@ impl Marcher {
         config: &MarchConfig,
         out: &mut Intervals,
     ) {
+        config.check("march", grids.background.is_some());
         let count = rays.len().div_ceil(CHUNK);
         if self.chunks.len() < count {
             self.chunks.resize_with(count, Chunk::default);
@@ -188,6 +207,9 @@ impl Marcher {
 }
 
 /// [`Marcher::march`] for a single batch, with fresh memory.
+///
+/// # Panics
+/// As [`Marcher::march`].
 pub fn march(rays: &[Ray], grids: Grids<'_>, config: &MarchConfig) -> Intervals {
     let mut out = Intervals::default();
     Marcher::new().march(rays, grids, config, &mut out);

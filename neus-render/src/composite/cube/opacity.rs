@@ -44,10 +44,22 @@ pub(super) struct Chain {
     pub(super) sharpness: f32,
 }
 
+/// `x`, or zero where it is less. By a comparison, as on the CPU: `max` may drop what is no number.
+#[cube]
+fn at_least_zero(x: f32) -> f32 {
+    select(x < 0.0f32, 0.0f32, x)
+}
+
+/// `x`, or zero where it is more.
+#[cube]
+fn at_most_zero(x: f32) -> f32 {
+    select(x > 0.0f32, 0.0f32, x)
+}
+
 #[cube]
 fn annealed_slope(slope: f32, cos_anneal: f32) -> f32 {
-    let soft = max(0.5f32 - 0.5f32 * slope, 0.0f32);
-    let hard = max(-slope, 0.0f32);
+    let soft = at_least_zero(0.5f32 - 0.5f32 * slope);
+    let hard = at_least_zero(-slope);
     -(soft * (1.0f32 - cos_anneal) + hard * cos_anneal)
 }
 
@@ -61,7 +73,7 @@ pub(super) fn log_survival(
     #[comptime] kind: Kind,
 ) -> f32 {
     if comptime!(kind.density) {
-        -max(sdf, 0.0f32) * dt
+        -at_least_zero(sdf) * dt
     } else {
         let half = 0.5f32 * dt * annealed_slope(slope, parameters.cos_anneal);
         let s = parameters.sharpness;
@@ -71,7 +83,7 @@ pub(super) fn log_survival(
         if comptime!(kind.epsilon) {
             log -= softplus(before + parameters.log_epsilon);
         }
-        min(log, 0.0f32)
+        at_most_zero(log)
     }
 }
 
@@ -96,7 +108,12 @@ pub(super) fn opacity(log: f32, matte: f32) -> Opacity {
     let thin_alpha = -exp_m1(log);
     let bare_alpha = select(thin, thin_alpha, 1.0f32 - decay);
     let bare_survival = select(thin, 1.0f32 - thin_alpha, decay);
-    let matte = clamp(matte, 0.0f32, 1.0f32);
+    // `clamp` may drop what is no number, too.
+    let matte = select(
+        matte > 1.0f32,
+        1.0f32,
+        select(matte < 0.0f32, 0.0f32, matte),
+    );
     let whole = matte == 1.0f32;
     let alpha = matte * bare_alpha;
     let survival = (1.0f32 - matte) + matte * bare_survival;
@@ -127,7 +144,7 @@ pub(super) fn chain(
 ) -> Chain {
     if comptime!(kind.density) {
         Chain {
-            sdf: select(sdf > 0.0f32, -dt * g_log, 0.0f32),
+            sdf: select(sdf <= 0.0f32, 0.0f32, -dt * g_log),
             slope: 0.0f32,
             sharpness: 0.0f32,
         }
