@@ -8,12 +8,14 @@ use crate::picture::{Mask, Plane, RgbPlane, assert_same_size};
 /// finite.
 pub const LEAST_MSE: f64 = 1e-10;
 
-/// `PSNR = -10 log10(MSE)` in dB, the MSE floored at [`LEAST_MSE`].
+/// `PSNR = -10 log10(MSE)` in dB, the MSE floored at [`LEAST_MSE`]; NaN if the MSE is.
 pub fn psnr_of_mse(mse: f64) -> f64 {
-    -10.0 * mse.max(LEAST_MSE).log10()
+    // Not `max`, which would make equal pictures of those whose difference is no number.
+    let floored = if mse < LEAST_MSE { LEAST_MSE } else { mse };
+    -10.0 * floored.log10()
 }
 
-/// `PSNR = -10 log10(mean (x - y)^2)` over all pixels and channels, dB.
+/// `PSNR = -10 log10(mean (x - y)^2)` over all pixels and channels, dB; NaN if a value is.
 ///
 /// ```
 /// use sos_eval::{RgbPlane, psnr};

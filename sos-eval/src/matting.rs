@@ -84,7 +84,7 @@ fn gradient_magnitude(alpha: &Plane) -> Vec<f64> {
 /// With `Omega_t` the largest 4-connected component of `{a >= t and a* >= t}` for t = 0.1, 0.2 … 1,
 /// `l` of a pixel is the last `t` up to which it has been in every `Omega_t` (0 if in none), and
 /// `phi(a) = 1 - d` if `d = a - l >= theta` ([`CONNECTIVITY_THETA`]), else 1. Of components of equal
-/// size the first in reading order is taken.
+/// size the first in reading order is taken. NaN if a value is.
 pub fn connectivity_error(pred: &Plane, truth: &Plane) -> f64 {
     assert_same_size("connectivity_error", pred, truth);
     let both: Vec<f32> = pred
@@ -108,10 +108,11 @@ pub fn connectivity_error(pred: &Plane, truth: &Plane) -> f64 {
     }
     let phi = |alpha: f32, level: f32| {
         let distance = f64::from(alpha) - f64::from(level);
-        if distance >= CONNECTIVITY_THETA {
-            1.0 - distance
-        } else {
+        // What is no number is not less either, and stays none.
+        if distance < CONNECTIVITY_THETA {
             1.0
+        } else {
+            1.0 - distance
         }
     };
     let sum: f64 = (0..both.len())

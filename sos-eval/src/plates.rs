@@ -4,7 +4,8 @@ use crate::EvalError;
 use crate::folders::{check_size, unmatched};
 use crate::image_quality::{psnr_of_mse, squared_error, ssim_map, sum_in, whole_mean};
 use crate::matching::{left_out, list_pictures, match_views};
-use crate::picture::{Mask, Plane, RgbPlane, read_alpha, read_counts_at_least, read_rgb};
+use crate::mattes::Mattes;
+use crate::picture::{Mask, Plane, RgbPlane, read_counts_at_least, read_rgb};
 use crate::report::MASK_THRESHOLD;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -61,7 +62,12 @@ pub struct PlateScore {
 /// (`region_alpha_dir`, alpha >= 0.5) where the grey value of `seen_dir`, the number of views that saw
 /// the pixel's background, is at least `min_seen`. Without `seen_dir`, all pixels count as seen.
 ///
-/// Files belong together as in [`compare_folders`](crate::compare_folders).
+/// Files belong together as in [`compare_folders`](crate::compare_folders), and masks that hold the labels 0 and 1 are
+/// read as black and white as there, which is noted.
+///
+/// # Errors
+/// When a folder or a picture cannot be read, a folder has no picture or none that belongs to a true plate, it is not
+/// clear which do, a region is a photo, or sizes differ.
 pub fn compare_plates(
     pred_dir: &Path,
     gt_dir: &Path,
@@ -75,7 +81,10 @@ pub fn compare_plates(
     let seen = seen_dir
         .map(|dir| match_views(gt_dir, &truth.pictures, dir))
         .transpose()?;
-    let notes = left_out([&truth, &pred, &regions].into_iter().chain(&seen));
+    // By all mattes, as for their own scores: those of a few views may all be dark.
+    let mattes = Mattes::of(region_alpha_dir, &list_pictures(region_alpha_dir)?.pictures)?;
+    let mut notes = left_out([&truth, &pred, &regions].into_iter().chain(&seen));
+    notes.extend(mattes.note());
     let [truth, pred, regions] = [truth, pred, regions].map(|listing| listing.pictures);
     let seen = seen.map(|listing| listing.pictures);
     let sums = truth
@@ -86,7 +95,7 @@ pub fn compare_plates(
                 Some(seen) => Some(seen.get(name)?.as_path()),
                 None => None,
             };
-            Some(score_view(pred, path, region, seen, min_seen))
+            Some(score_view(pred, path, (region, &mattes), seen, min_seen))
         })
         .collect::<Result<Vec<_>, EvalError>>()?;
     let mut missing = unmatched(&truth, &pred);
@@ -128,11 +137,11 @@ struct Sums {
 fn score_view(
     pred: &Path,
     truth: &Path,
-    region: &Path,
+    (region, mattes): (&Path, &Mattes<'_>),
     seen: Option<&Path>,
     min_seen: u8,
 ) -> Result<[Sums; 3], EvalError> {
-    let (plate, true_plate, alpha) = (read_rgb(pred)?, read_rgb(truth)?, read_alpha(region)?);
+    let (plate, true_plate, alpha) = (read_rgb(pred)?, read_rgb(truth)?, mattes.read(region)?);
     check_size(pred, &plate, truth, &true_plate)?;
     check_size(region, &alpha, truth, &true_plate)?;
     let object = alpha.mask(MASK_THRESHOLD);

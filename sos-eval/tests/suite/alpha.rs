@@ -286,6 +286,17 @@ fn connectivity_error_equals_the_slow_formula() {
 }
 
 #[test]
+fn what_is_no_number_has_no_score() {
+    let truth = blobs(33, 27, 3);
+    let mut broken = truth.clone();
+    broken.values[100] = f32::NAN;
+    for error in [sad, mse, gradient_error, connectivity_error] {
+        assert_eq!(error(&truth, &truth), 0.0);
+        assert!(error(&broken, &truth).is_nan() && error(&truth, &broken).is_nan());
+    }
+}
+
+#[test]
 #[should_panic(expected = "sad: pictures of 2x1 and 3x1 pixels")]
 fn unequal_sizes_are_named() {
     sad(&Plane::empty(2, 1), &Plane::empty(3, 1));

@@ -29,6 +29,27 @@ fn psnr_by_hand() {
     assert_eq!(psnr_in(&dot, &black, &Plane::empty(4, 4).mask(0.5)), None);
 }
 
+/// Pictures are not equal because their difference is no number.
+#[test]
+fn what_is_no_number_has_no_psnr() {
+    let grey = RgbPlane::from_fn(20, 20, |_, _| [0.5; 3]);
+    let broken = RgbPlane::from_fn(20, 20, |x, y| {
+        if (x, y) == (1, 2) {
+            [0.5, f32::NAN, 0.5]
+        } else {
+            [0.5; 3]
+        }
+    });
+    let half = |left: bool| Plane::from_fn(20, 20, |x, _| f32::from((x < 10) == left)).mask(0.5);
+    for (pred, truth) in [(&grey, &broken), (&broken, &grey)] {
+        assert!(psnr(pred, truth).is_nan() && ssim(pred, truth).is_nan());
+        assert!(psnr_in(pred, truth, &half(true)).unwrap().is_nan());
+        assert_near(psnr_in(pred, truth, &half(false)).unwrap(), 100.0, 1e-9);
+    }
+    assert!(psnr_of_mse(f64::NAN).is_nan());
+    assert_near(psnr_of_mse(0.0), 100.0, 1e-9);
+}
+
 #[test]
 fn ssim_of_flat_pictures_is_the_luminance_term() {
     let flat = |v: f32| RgbPlane::from_fn(30, 20, |_, _| [v; 3]);

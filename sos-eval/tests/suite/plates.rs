@@ -110,6 +110,37 @@ fn psnr_is_averaged_over_views_or_pooled() {
     assert_eq!(score.object.unwrap().views, 1);
 }
 
+/// What label masks call the object is where plates are scored, too.
+#[test]
+fn regions_of_labels_are_read_as_black_and_white() {
+    let root = tempfile::tempdir().unwrap();
+    let root = root.path();
+    run_and_scene(root);
+    let (run, scene) = (root.join("run"), root.join("scene"));
+    let by_mattes = run_eval(&run, &scene, None).unwrap();
+    assert_eq!(by_mattes.notes, [""; 0]);
+    let alpha = scene.join("alpha_gt");
+    for view in ["000.png", "001.png"] {
+        let mut grey = image::open(alpha.join(view)).unwrap().into_luma8();
+        grey.iter_mut().for_each(|v| *v /= 128);
+        grey.save(alpha.join(view)).unwrap();
+    }
+    let by_labels = run_eval(&run, &scene, None).unwrap();
+    assert!(by_labels.plate.is_some());
+    assert_eq!(by_labels.plate, by_mattes.plate);
+    assert_eq!(by_labels.notes.len(), 1, "{:?}", by_labels.notes);
+    let truth = scene.join("background_gt");
+    let alone = compare_plates(&run.join("background"), &truth, &alpha, None, 3).unwrap();
+    assert!(alone.notes[0].contains("alpha_gt hold the labels 0 and 1"));
+
+    // A dark matte is none of labels where others are bright, with a true plate or not.
+    save(&disc(40, 19.5, 19.5, 10.0), &alpha.join("000.png"));
+    fs::remove_file(truth.join("000.png")).unwrap();
+    let dark = compare_plates(&run.join("background"), &truth, &alpha, None, 3).unwrap();
+    assert_eq!((dark.object, dark.whole.unwrap().views), (None, 1));
+    assert_eq!(dark.notes, [""; 0]);
+}
+
 #[cfg(unix)]
 #[test]
 fn closed_sub_folders_of_a_run_are_noted_once() {
