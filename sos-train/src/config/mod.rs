@@ -117,7 +117,7 @@ impl TrainConfig {
     }
 
     /// With the number of steps that suits the scene, where it is left open: a few pixels are learnt
-    /// in fewer steps than many (docs/decisions.md, "How long to train").
+    /// in fewer steps than many (docs/decisions/training.md, "How long to train").
     #[must_use]
     pub fn settled(&self, model: &io_colmap::Model) -> Self {
         let shrink = u64::from(self.prepare.downscale.max(1)).pow(2);

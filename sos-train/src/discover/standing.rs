@@ -13,7 +13,7 @@ use crate::voxels::neighbours;
 /// How high a pass is, of the lower hill's height, from which on both hills are one thing.
 const HIGH_PASS: f32 = 0.7;
 /// How wide a border is, of the smaller hill's voxels to the power of 2/3, from which on both hills are one thing. Of things
-/// that only stood close it was 0.002 to 0.1, of parts of one thing 0.18 to 1.4 (docs/decisions.md).
+/// that only stood close it was 0.002 to 0.1, of parts of one thing 0.18 to 1.4 (docs/decisions/without-masks.md).
 const WIDE_BORDER: f32 = 0.12;
 /// Voxels above the ground that the lowest hill has.
 const LEAST_HEIGHT: f32 = 6.0;

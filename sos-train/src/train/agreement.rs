@@ -31,12 +31,12 @@ const FAR: f32 = 0.18;
 const EXACT: f32 = 0.05;
 /// Shares of the outline's tiles that are exact, from which a mask is trusted at all, and fully: where
 /// most of an outline is rough, a tile that happens to agree is no better. Of rough masks' tiles three in ten
-/// do (docs/decisions.md).
+/// do (docs/decisions/masks.md).
 const LEAST_EXACT: f32 = 0.3;
 const MOSTLY_EXACT: f32 = 0.38;
 /// How much stronger the photo's edges have to be along a mask's outline than beside it
 /// ([`edge_contrast`](crate::prepare::edge_contrast)) for any trust, and for full. Rough masks have up to 2, exact ones
-/// 2 to 5 (docs/decisions.md).
+/// 2 to 5 (docs/decisions/masks.md).
 const LEAST_CONTRAST: f32 = 2.5;
 const FULL_CONTRAST: f32 = 3.2;
 /// Up to this in the middle view no mask is trusted for its photo: one that happens to lie on edges is no better than
