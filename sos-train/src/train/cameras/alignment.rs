@@ -6,6 +6,7 @@
 
 use glam::{DQuat, DVec2, DVec3, Vec2, Vec3};
 use nalgebra::{SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 use crate::median::median;
 use crate::prepare::TrainView;
@@ -34,7 +35,7 @@ pub(super) struct Landmark {
 }
 
 /// A motion of camera space: a rotation, then a translation.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Motion {
     pub(super) rotation: DQuat,
     pub(super) translation: DVec3,
@@ -132,6 +133,13 @@ fn displacements(view: &TrainView, landmarks: &[Landmark], motion: Motion) -> Ve
     };
     let displacement = |landmark| displacement(landmark).unwrap_or(DVec2::ZERO);
     landmarks.iter().map(displacement).collect()
+}
+
+/// How far apart two motions show the landmarks in the photo, in pixels: the median.
+pub(super) fn apart(view: &TrainView, landmarks: &[Landmark], a: Motion, b: Motion) -> Option<f64> {
+    let [a, b] = [a, b].map(|motion| displacements(view, landmarks, motion));
+    let mut lengths: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a.distance(*b)).collect();
+    median(&mut lengths)
 }
 
 /// The motion that leaves the least difference, where those beyond `scale` count ever less (Geman and McClure).

@@ -6,6 +6,7 @@
 //! would only follow the fields' own errors: they move where a first look finds them off by more than those.
 
 mod alignment;
+mod alone;
 mod gauge;
 mod landmarks;
 
@@ -18,13 +19,15 @@ use crate::config::CameraRefinement;
 use crate::median::median;
 use crate::prepare::error::PrepareError;
 use crate::prepare::{Prepared, TrainView};
-use alignment::{Alignment, align};
+use alignment::{Alignment, Motion, align, apart};
+use alone::Suspect;
 use landmarks::{Reduced, landmarks};
 
 /// Alignments are this share of the run apart; numbers of the first and the last.
 const EVERY: f32 = 0.05;
 const ROUNDS: std::ops::RangeInclusive<u32> = 3..=17;
 /// Rounds in which cameras are looked at that are not known to be off: what has learnt little in the first one tells little.
+/// One camera among others that are right has to be off in both.
 const LOOKS: [u32; 2] = [3, 5];
 /// Up to this round blurred outlines are aligned, in photos whose longer side has about so many pixels.
 const COARSE_ROUNDS: u32 = 8;
@@ -32,10 +35,8 @@ const COARSE_SIDE: f32 = 400.0;
 /// The same for the rounds after that.
 const FINE_SIDE: f32 = 800.0;
 /// The median shift, in coarse pixels, from which on all cameras are taken to be off. Of cameras that are right
-/// (docs/decisions.md) fields in the making make 0.05 to 0.15.
+/// (docs/decisions/mattes-and-cameras.md) fields in the making make 0.05 to 0.15.
 const OFF: f64 = 0.25;
-/// A camera among others that are right is off from this shift on.
-const OFF_ALONE: f64 = 0.75;
 /// No camera moves by more at once: what seems to be so far off is something else.
 const LARGEST_SHIFT: f64 = 12.0;
 
@@ -46,21 +47,52 @@ pub(super) struct Cameras {
     moving: Vec<bool>,
     /// Of all views, once one has moved; otherwise they are as given.
     poses: Vec<Pose>,
+    /// What a first look made of each camera, where not all are off; empty before.
+    #[serde(default)]
+    suspects: Vec<Option<Suspect>>,
 }
 
 impl Cameras {
-    /// Decides which cameras move by what a look at all says.
-    fn decide(&mut self, shifts: &[f64], wanted: CameraRefinement) {
+    /// Decides which cameras move by what a look at all says; `given` are their poses.
+    fn decide(&mut self, found: &[Found], given: &[Pose], wanted: CameraRefinement) {
+        let mut shifts: Vec<f64> = found.iter().map(|found| found.alignment.shift).collect();
         let all = match wanted {
             CameraRefinement::Always => true,
-            CameraRefinement::Never => false,
-            CameraRefinement::Auto => median(&mut shifts.to_vec()).is_some_and(|shift| shift > OFF),
+            CameraRefinement::Never => return,
+            CameraRefinement::Auto => median(&mut shifts).is_some_and(|shift| shift > OFF),
         };
-        let alone = wanted == CameraRefinement::Auto;
-        let moves = |shift: &f64| all || (alone && *shift > OFF_ALONE);
-        if shifts.iter().any(moves) {
-            self.moving = shifts.iter().map(moves).collect();
+        if all {
+            self.moving = vec![true; found.len()];
+            self.suspects.clear();
+        } else if self.suspects.is_empty() {
+            let suspects = found.iter().zip(given);
+            self.suspects = suspects.map(|(f, given)| Suspect::of(f, *given)).collect();
+        } else {
+            let is_off = |(suspect, found): (&Option<Suspect>, _)| {
+                suspect.is_some_and(|suspect| suspect.is_off(found))
+            };
+            self.moving = self.suspects.iter().zip(found).map(is_off).collect();
         }
+        self.forget_if_none_moves();
+    }
+
+    fn forget_if_none_moves(&mut self) {
+        if !self.moving.contains(&true) {
+            self.moving.clear();
+            self.poses.clear();
+        }
+    }
+
+    /// Whether all cameras move, which is never taken back.
+    fn all_move(&self) -> bool {
+        !self.moving.is_empty() && !self.moving.contains(&false)
+    }
+
+    /// What a look at camera `number` is held against, if anything.
+    fn reference(&self, number: usize, now: &Pose, half_side: f64) -> Option<Motion> {
+        let moves = self.moving.get(number).is_some_and(|moves| *moves);
+        let suspect = self.suspects.get(number)?.as_ref()?;
+        Some(suspect.reference(moves, now, half_side))
     }
 }
 
@@ -76,29 +108,36 @@ impl Trainer {
             return Ok(None);
         }
         let round = self.step / stride;
-        let first = self.cameras.moving.is_empty();
-        if !ROUNDS.contains(&round) || (first && !LOOKS.contains(&round)) {
+        let looks = LOOKS.contains(&round) && self.cameras.moving.is_empty();
+        if !ROUNDS.contains(&round) || !(looks || self.cameras.moving.contains(&true)) {
             return Ok(None);
         }
         let coarse = round <= COARSE_ROUNDS;
         let found = self.alignments(data, if coarse { COARSE_SIDE } else { FINE_SIDE })?;
-        if first {
-            let shifts: Vec<f64> = found.iter().map(|found| found.alignment.shift).collect();
-            self.cameras.decide(&shifts, wanted);
-        }
-        let moving = self.cameras.moving.clone();
-        if moving.is_empty() {
-            return Ok(None);
-        }
         let before: Vec<Pose> = data
             .views
             .iter()
             .map(|view| view.camera_from_world)
             .collect();
+        if looks {
+            self.cameras.decide(&found, &before, wanted);
+        }
+        let moving = self.cameras.moving.clone();
+        if moving.is_empty() {
+            return Ok(None);
+        }
         let mut poses = before.clone();
-        for ((pose, found), moves) in poses.iter_mut().zip(&found).zip(&moving) {
-            if *moves && found.alignment.shift < LARGEST_SHIFT {
-                let moved = found.alignment.motion;
+        let mut wandered = Vec::new();
+        for (i, pose) in poses.iter_mut().enumerate().filter(|(i, _)| moving[*i]) {
+            let suspect = self.cameras.suspects.get(i).copied().flatten();
+            // A look holds what it finds against the first one, the others against where the camera was.
+            let back = suspect.filter(|_| !looks).and_then(|s| s.back(&found[i]));
+            if let Some(given) = back {
+                *pose = given;
+                self.cameras.moving[i] = false;
+                wandered.push(data.views[i].name.clone());
+            } else if found[i].alignment.shift < LARGEST_SHIFT {
+                let moved = found[i].alignment.motion;
                 *pose = Pose {
                     rotation: (moved.rotation * pose.rotation).normalize(),
                     // Camera space of the normalised frame has another unit.
@@ -107,12 +146,14 @@ impl Trainer {
                 };
             }
         }
-        if !moving.contains(&false) {
+        if self.cameras.all_move() {
             gauge::keep_in_place(&mut poses, &before, data.frame.centre);
         }
         self.cameras.poses = poses;
         self.place_cameras(data);
-        Ok(first.then(|| note(&moving, &found, wanted)))
+        self.cameras.forget_if_none_moves();
+        let back = (!wandered.is_empty()).then(|| wandered_note(&wandered));
+        Ok(back.or_else(|| looks.then(|| note(&moving, &found, wanted))))
     }
 
     /// Puts the cameras of `data` where they have been moved to, if they have.
@@ -133,7 +174,7 @@ impl Trainer {
     /// What each photo says about its camera, at the size with about `side` pixels along its longer side.
     fn alignments(&self, data: &Prepared, side: f32) -> Result<Vec<Found>, PrepareError> {
         let scene = self.freeze();
-        let (seed, step) = (self.config().seed, self.step);
+        let (seed, step, cameras) = (self.config().seed, self.step, &self.cameras);
         (0..data.views.len())
             .into_par_iter()
             .map(|number| {
@@ -156,7 +197,15 @@ impl Trainer {
                 let seed = seed ^ (number as u64).rotate_left(40);
                 let landmarks = landmarks(&scene, &data.frame, &reduced, seed, step);
                 let alignment = align(view, &landmarks).unwrap_or(Alignment::NONE);
-                Ok(Found { alignment, factor })
+                let (now, half_side) = (&full.camera_from_world, data.frame.half_side);
+                let reference = cameras.reference(number, now, half_side);
+                let apart =
+                    reference.and_then(|other| apart(view, &landmarks, alignment.motion, other));
+                Ok(Found {
+                    alignment,
+                    factor,
+                    apart,
+                })
             })
             .collect()
     }
@@ -169,6 +218,15 @@ struct Found {
     alignment: Alignment,
     /// The photo's pixels along one of those.
     factor: u32,
+    /// How far apart that puts things and what it is held against does, in pixels of the same size.
+    apart: Option<f64>,
+}
+
+impl Found {
+    /// The shift in the photo's own pixels.
+    fn pixels(&self) -> f64 {
+        self.alignment.shift * f64::from(self.factor)
+    }
 }
 
 /// The photo's pixels along one of a photo with about `side`.
@@ -181,7 +239,7 @@ fn note(moving: &[bool], found: &[Found], wanted: CameraRefinement) -> String {
     let count = moving.iter().filter(|moves| **moves).count();
     let mut pixels: Vec<f64> = (found.iter().zip(moving))
         .filter(|(_, moves)| **moves)
-        .map(|(found, _)| found.alignment.shift * f64::from(found.factor))
+        .map(|(found, _)| found.pixels())
         .collect();
     let pixels = median(&mut pixels).unwrap_or(0.0);
     let (seem, cameras) = match (count, moving.len()) {
@@ -197,37 +255,73 @@ fn note(moving: &[bool], found: &[Found], wanted: CameraRefinement) -> String {
     format!("{cameras} {seem} to be off by {pixels:.1} pixels: {why}")
 }
 
+fn wandered_note(names: &[String]) -> String {
+    format!(
+        "the cameras of {} wandered off when they were refined, and are back where they were",
+        names.join(", ")
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn moving(shifts: &[f64], wanted: CameraRefinement) -> Vec<bool> {
-        let mut cameras = Cameras::default();
-        cameras.decide(shifts, wanted);
-        cameras.moving
-    }
-
-    #[test]
-    fn cameras_move_where_most_are_off_or_one_is_by_far() {
-        use CameraRefinement::{Always, Auto, Never};
-        let (right, off, far) = (0.5 * OFF, 1.5 * OFF, 1.5 * OFF_ALONE);
-        assert!(moving(&[right; 5], Auto).is_empty());
-        assert_eq!(moving(&[right, off, off, off, right], Auto), [true; 5]);
-        let one = [false, true, false, false, false];
-        assert_eq!(moving(&[right, far, off, right, right], Auto), one);
-        assert_eq!(moving(&[right; 5], Always), [true; 5]);
-        assert!(moving(&[far; 5], Never).is_empty());
-    }
-
-    #[test]
-    fn a_note_says_how_many_cameras_are_off() {
-        let found = [0.1, 2.0, 0.1].map(|shift| Found {
+    /// `apart` is from what an earlier look found.
+    fn found(shift: f64, apart: f64) -> Found {
+        Found {
             alignment: Alignment {
                 shift,
                 ..Alignment::NONE
             },
             factor: 2,
-        });
+            apart: Some(apart),
+        }
+    }
+
+    /// Which move after two looks that find the same shifts, as far apart from each other.
+    fn moving(shifts: &[f64], apart: f64, wanted: CameraRefinement) -> [Vec<bool>; 2] {
+        let mut cameras = Cameras::default();
+        let found: Vec<Found> = shifts.iter().map(|shift| found(*shift, apart)).collect();
+        let given = vec![Pose::IDENTITY; shifts.len()];
+        [0; 2].map(|_| {
+            if !cameras.all_move() {
+                cameras.decide(&found, &given, wanted);
+            }
+            cameras.moving.clone()
+        })
+    }
+
+    #[test]
+    fn cameras_move_where_most_are_off_or_one_is_by_far_in_both_looks() {
+        use CameraRefinement::{Always, Auto, Never};
+        let (right, off, far) = (0.5 * OFF, 1.5 * OFF, 5.0 * OFF);
+        let all = || [vec![true; 5], vec![true; 5]];
+        let none = || [Vec::<bool>::new(), Vec::new()];
+        assert_eq!(moving(&[right; 5], 0.0, Auto), none());
+        assert_eq!(moving(&[right, off, off, off, right], 0.0, Auto), all());
+        assert_eq!(moving(&[right; 5], 0.0, Always), all());
+        assert_eq!(moving(&[far; 5], 0.0, Never), none());
+        let one = [right, far, off, right, right];
+        let second = vec![false, true, false, false, false];
+        assert_eq!(moving(&one, 0.1 * far, Auto), [vec![], second]);
+        assert_eq!(moving(&one, 0.9 * far, Auto), none());
+    }
+
+    #[test]
+    fn a_second_look_may_find_all_cameras_off() {
+        let mut cameras = Cameras::default();
+        let given = vec![Pose::IDENTITY; 3];
+        let look = |shifts: [f64; 3]| shifts.map(|shift| found(shift, 0.0));
+        let wanted = CameraRefinement::Auto;
+        cameras.decide(&look([0.5 * OFF, 5.0 * OFF, 0.5 * OFF]), &given, wanted);
+        assert!(cameras.moving.is_empty());
+        cameras.decide(&look([2.0 * OFF; 3]), &given, wanted);
+        assert!(cameras.all_move());
+    }
+
+    #[test]
+    fn a_note_says_how_many_cameras_are_off() {
+        let found = [0.1, 2.0, 0.1].map(|shift| found(shift, 0.0));
         let said = note(&[false, true, false], &found, CameraRefinement::Auto);
         let begin = "the camera of 1 of 3 photos seems to be off by 4.0 pixels: ";
         assert!(said.starts_with(begin), "{said}");
