@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use burn::Tensor;
 use burn::tensor::{Device, Gradients, TensorData};
-use hashgrid::{GridConfig, GridLayout};
+use hashgrid::{GridConfig, GridLayout, SparseGrad};
 use scene_decomp::colour_field::{self, ColourFieldInputs, Reading, RowConfig};
 use scene_decomp::sdf_field::{self, Forward, SdfFieldConfig, SdfFieldWeights, Tape, TapedRows};
 use scene_decomp::{FrozenSurface, InitialShape, Surface, SurfaceConfig};
@@ -470,4 +470,22 @@ fn a_density_has_a_gradient_for_whoever_asks() {
         }
         assert!(gradient.length() > 1e-2);
     }
+}
+
+#[test]
+#[should_panic(expected = "the gradient does not fit the layout")]
+fn a_gradient_of_another_layout_is_refused() {
+    let device = Device::flex();
+    let (surface, layout) = (surface(&device), GridLayout::new(&config().grid));
+    let larger = GridConfig {
+        log2_table_size: 11,
+        ..config().grid
+    };
+    let sparse = SparseGrad::new(&GridLayout::new(&larger));
+    let settings = surface.sdf_config(&Arc::new(layout), 5, Some(sparse));
+    let _ = sdf_field::sdf_field(
+        tensor(numbers(3, 1), [1, 3], &device),
+        surface.sdf_weights(),
+        settings,
+    );
 }

@@ -121,7 +121,7 @@ pub trait SdfFieldOps: Backend {
 /// points are constants.
 ///
 /// # Panics
-/// When a shape does not fit the layout, or taped rows are of another field or not one for each point.
+/// When a shape or the sparse gradient does not fit the layout, or taped rows are of another field or not one for each point.
 #[must_use]
 pub fn sdf_field(points: Tensor<2>, weights: SdfFieldWeights, config: SdfFieldConfig) -> Tensor<2> {
     check(&points, &weights, &config);
@@ -173,6 +173,14 @@ fn check(points: &Tensor<2>, weights: &SdfFieldWeights, config: &SdfFieldConfig)
         config.active_levels,
         config.layout.levels.len()
     );
+    if let Some(sparse) = &config.sparse {
+        // Kernels add to it without looking at its size.
+        assert_eq!(
+            sparse.entries(),
+            config.layout.entries(),
+            "sdf_field: the gradient does not fit the layout"
+        );
+    }
     if let Forward::FromTape(rows) = &config.forward {
         let (n, taped) = (points.dims()[0], rows.len());
         assert_eq!(taped, n, "sdf_field: {taped} taped rows of {n} points");
