@@ -3,8 +3,11 @@
 use crate::error::ColmapError;
 use crate::scene::same_shape;
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::path::Path;
+
+/// A share of light below this is no alpha in 8 bits.
+const LEAST_ALPHA: f32 = 0.5 / 255.0;
 
 /// Pixels of no photo take more memory than this; a header that says so is damaged, or lies.
 const MOST_BYTES: u64 = 4 << 30;
@@ -26,7 +29,7 @@ impl PhotoHeader {
     /// # Errors
     /// [`ColmapError::Scene`] for files that are missing or no pictures.
     pub fn read(path: &Path) -> Result<PhotoHeader, ColmapError> {
-        let mut decoder = decoder(path)?;
+        let (mut decoder, _) = decoder(path)?;
         Ok(PhotoHeader {
             stored: decoder.dimensions(),
             orientation: orientation(&mut decoder),
@@ -59,12 +62,12 @@ impl PhotoHeader {
 }
 
 /// Reads a photo for a camera of that size, turned upright if the camera is (see
-/// [`PhotoHeader::is_turned_for`]). Its own resolution is kept.
+/// [`PhotoHeader::is_turned_for`]). Its own resolution is kept. Alpha is straight, also where OpenEXR has it premultiplied.
 ///
 /// # Errors
 /// [`ColmapError::Scene`] for files that are missing or no pictures.
 pub fn read_photo(path: &Path, camera: (u32, u32)) -> Result<DynamicImage, ColmapError> {
-    let mut decoder = decoder(path)?;
+    let (mut decoder, format) = decoder(path)?;
     let header = PhotoHeader {
         stored: decoder.dimensions(),
         orientation: orientation(&mut decoder),
@@ -81,7 +84,12 @@ pub fn read_photo(path: &Path, camera: (u32, u32)) -> Result<DynamicImage, Colma
             DynamicImage::ImageRgb8(DynamicImage::ImageRgb32F(linear).into_rgb8())
         }
         DynamicImage::ImageRgba32F(mut linear) => {
+            // The format says so; of others nothing is known.
+            let premultiplied = format == Some(ImageFormat::OpenExr);
             for pixel in linear.pixels_mut() {
+                if premultiplied {
+                    pixel.0 = straight(pixel.0);
+                }
                 let [colour @ .., _alpha] = &mut pixel.0;
                 colour.iter_mut().for_each(|v| *v = srgb_from_linear(*v));
             }
@@ -109,12 +117,14 @@ pub fn decode_photo(path: &Path, decoder: impl ImageDecoder) -> Result<DynamicIm
     DynamicImage::from_decoder(decoder).map_err(|e| unreadable(path, &e))
 }
 
-/// The content decides on the format, not the ending: phones name things as they like.
-fn decoder(path: &Path) -> Result<impl ImageDecoder, ColmapError> {
+/// With the format. The content decides on it, not the ending: phones name things as they like.
+fn decoder(path: &Path) -> Result<(impl ImageDecoder, Option<ImageFormat>), ColmapError> {
     let reader = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
         .map_err(|e| ColmapError::io("read", path, e))?;
-    reader.into_decoder().map_err(|e| unreadable(path, &e))
+    let format = reader.format();
+    let decoder = reader.into_decoder().map_err(|e| unreadable(path, &e))?;
+    Ok((decoder, format))
 }
 
 fn unreadable(path: &Path, error: &image::ImageError) -> ColmapError {
@@ -138,6 +148,20 @@ fn is_sideways(orientation: Orientation) -> bool {
             | Orientation::Rotate90FlipH
             | Orientation::Rotate270FlipH
     )
+}
+
+/// A pixel whose colour is light times alpha, with the light's own colour. Light without any alpha is a glow, and
+/// stays.
+fn straight([r, g, b, alpha]: [f32; 4]) -> [f32; 4] {
+    let [r, g, b] = if alpha >= LEAST_ALPHA {
+        [r, g, b].map(|v| v / alpha)
+    } else if alpha > 0.0 {
+        // Its rounded alpha will say that nothing is there; a colour would make it another backdrop than its neighbours'.
+        [0.0; 3]
+    } else {
+        [r, g, b]
+    };
+    [r, g, b, alpha]
 }
 
 /// IEC 61966-2-1.

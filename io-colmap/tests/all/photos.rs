@@ -92,6 +92,32 @@ fn every_usual_kind_of_file_is_read_in_8_bits() {
 }
 
 #[test]
+fn the_colours_of_openexr_are_freed_of_their_alpha_and_others_are_as_they_are() {
+    let dir = tempfile::tempdir().unwrap();
+    // Linear light: 0.8 of it is the byte 231, 0.4 is 170, 0.2 is 124.
+    let pixels = [
+        [0.8, 0.4, 0.2, 1.0],
+        [0.4, 0.2, 0.1, 0.5],
+        [0.0008, 0.0004, 0.0002, 0.001],
+        [0.2, 0.4, 0.8, 0.0],
+    ];
+    let light = image::Rgba32FImage::from_fn(4, 1, |x, _| {
+        image::Rgba(pixels[x as usize].map(|v| v as f32))
+    });
+    let read = |name: &str| {
+        let path = dir.path().join(name);
+        DynamicImage::from(light.clone()).save(&path).unwrap();
+        let photo = read_photo(&path, (4, 1)).unwrap().into_rgba8();
+        [0, 1, 2, 3].map(|x| photo.get_pixel(x, 0).0)
+    };
+    let opaque = [231, 170, 124, 255];
+    let glow = [124, 170, 231, 0];
+    assert_eq!(read("a.exr"), [opaque, [231, 170, 124, 128], [0; 4], glow]);
+    let [same, half, _, clear] = read("a.tiff");
+    assert_eq!([same, half, clear], [opaque, [170, 124, 89, 128], glow]);
+}
+
+#[test]
 fn photos_are_turned_only_where_their_camera_is() {
     let dir = tempfile::tempdir().unwrap();
     // A camera of 64x48, photos that are stored as 48x64 with a note to turn them.
