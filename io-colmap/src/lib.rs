@@ -77,7 +77,7 @@ mod text;
 pub use camera::Camera;
 pub use camera_model::CameraModel;
 pub use error::{ColmapError, Place, picture_error, remedy};
-pub use listing::{Listing, Search};
+pub use listing::{IGNORE_FOLDER, Listing, Search};
 pub use mask_pixels::read_mask;
 pub use masks::{GreyImage, MaskFiles, MaskSet};
 pub use model::{Model, Observation, SparsePoint, View, read_observations};

@@ -3,6 +3,9 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+/// The folder of a scene with pictures of what is not to be learned from.
+pub const IGNORE_FOLDER: &str = "ignore";
+
 /// Which files of a folder are listed.
 #[derive(Debug, Clone, Copy)]
 pub struct Search<'a> {
@@ -10,7 +13,8 @@ pub struct Search<'a> {
     pub depth: usize,
     /// Endings of the files, in small letters.
     pub endings: &'a [&'a str],
-    /// Whether to search sub-folders with "mask" in their names: masks bear the names of photos.
+    /// Whether to search sub-folders with "mask" in their names, and [`IGNORE_FOLDER`]: what is in them bears the names
+    /// of photos.
     pub mask_folders: bool,
 }
 
@@ -58,7 +62,7 @@ impl Search<'_> {
                 .zip(name.to_str())
                 .map(|(prefix, name)| format!("{prefix}{name}"));
             if path.is_dir() {
-                if depth > 0 && (self.mask_folders || !shown.to_lowercase().contains("mask")) {
+                if depth > 0 && (self.mask_folders || !is_of_masks(&shown)) {
                     let inner = full.map(|full| format!("{full}/"));
                     if let Err(error) = self.add(listing, &path, inner.as_deref(), depth - 1) {
                         listing.closed.push((path, error));
@@ -75,6 +79,12 @@ impl Search<'_> {
         }
         Ok(())
     }
+}
+
+/// Whether a sub-folder of that name holds pictures about photos, and no photos.
+fn is_of_masks(name: &str) -> bool {
+    let name = name.to_lowercase();
+    name.contains("mask") || name == IGNORE_FOLDER
 }
 
 impl Listing {
@@ -116,6 +126,9 @@ mod tests {
             "b/c/d.PNG",
             "b/a.Jpg",
             "masks/a.jpg",
+            "b/Ignore/a.jpg",
+            "ignore/a.jpg",
+            "ignored/a.jpg",
             "z.txt",
             ".a.jpg",
             "a.jpg",
@@ -124,20 +137,35 @@ mod tests {
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, "").unwrap();
         }
-        let names = |depth, mask_folders| {
+        let list = |folder: &Path, depth, mask_folders| {
             let search = Search {
                 depth,
                 endings: &["jpg", "png"],
                 mask_folders,
             };
-            search.list(dir.path()).unwrap().names
+            search.list(folder).unwrap().names
         };
+        let names = |depth, mask_folders| list(dir.path(), depth, mask_folders);
         assert_eq!(names(0, true), ["a.jpg"]);
-        assert_eq!(names(1, false), ["a.jpg", "b/a.Jpg"]);
+        assert_eq!(names(1, false), ["a.jpg", "b/a.Jpg", "ignored/a.jpg"]);
+        assert_eq!(
+            names(2, false),
+            ["a.jpg", "b/a.Jpg", "b/c/d.PNG", "ignored/a.jpg"]
+        );
         assert_eq!(
             names(2, true),
-            ["a.jpg", "b/a.Jpg", "b/c/d.PNG", "masks/a.jpg"]
+            [
+                "a.jpg",
+                "b/Ignore/a.jpg",
+                "b/a.Jpg",
+                "b/c/d.PNG",
+                "ignore/a.jpg",
+                "ignored/a.jpg",
+                "masks/a.jpg"
+            ]
         );
+        // Whoever names the folder itself wants what is in it.
+        assert_eq!(list(&dir.path().join("ignore"), 1, false), ["a.jpg"]);
     }
 
     #[cfg(unix)]

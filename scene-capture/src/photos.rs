@@ -314,6 +314,7 @@ mod tests {
         for name in ["1.png", "2.PNG", "3.jpg"] {
             photo(&root.join("left").join(name), 8);
             photo(&root.join("masks").join(name), 8);
+            photo(&root.join("ignore/left").join(name), 8);
         }
         photo(&root.join("right/1.png"), 8);
         let set = PhotoSet::find(root).unwrap();

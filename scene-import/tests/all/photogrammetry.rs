@@ -1,7 +1,7 @@
 //! Metashape and RealityCapture, whose lenses and angles have conventions of their own.
 
 use crate::fixtures::{self, METASHAPE_LENS, REALITY_CAPTURE_FOCAL, REALITY_CAPTURE_LENS, import};
-use crate::rig::{CENTRE, assert_sees, brown, eyes, pinhole};
+use crate::rig::{CENTRE, assert_sees, brown, eyes, pinhole, write_photos};
 use scene_import::Format;
 use std::fs;
 
@@ -18,6 +18,24 @@ fn metashape_places_a_component_in_the_world() {
     assert_eq!(
         dropped,
         ["belongs to another component than most", "was not aligned"]
+    );
+}
+
+#[test]
+fn what_is_ignored_is_not_taken_for_photos() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::metashape(dir.path());
+    // Searched as a whole: there is no `images/`.
+    fs::rename(dir.path().join("images"), dir.path().join("photos")).unwrap();
+    write_photos(&dir.path().join("ignore"));
+    let imported = import(dir.path(), Format::Metashape).unwrap();
+    assert_eq!(imported.photos.len(), 4, "{:?}", imported.dropped);
+    let photos = dir.path().join("photos");
+    assert!(
+        imported
+            .photos
+            .iter()
+            .all(|photo| photo.starts_with(&photos))
     );
 }
 
