@@ -72,19 +72,22 @@ pub(crate) struct Wanted<'a> {
     pub(crate) size: (u32, u32),
 }
 
-/// The masks of a file, and what a user should know about them.
+/// How many masks were drawn, and what a user should know about them.
 #[derive(Debug)]
 pub(crate) struct Drawn {
-    /// Parallel to the photos asked for; white is the object.
-    pub(crate) masks: Vec<Option<GrayImage>>,
+    pub(crate) count: usize,
     pub(crate) notes: Vec<String>,
 }
 
-/// Draws all annotations of each photo, or those of one category.
+/// Draws all annotations of each photo, or those of one category; white is the object.
+///
+/// Each mask is handed to `take`, with its photo's place among `photos`, before the next is drawn: as large as the
+/// photos, all of them at once might not fit into memory.
 pub(crate) fn draw(
     path: &Path,
     label: Option<u32>,
     photos: &[Wanted<'_>],
+    mut take: impl FnMut(usize, GrayImage) -> Result<(), ImportError>,
 ) -> Result<Drawn, ImportError> {
     let file: File =
         serde_json::from_str(&load_text(path)?).map_err(|e| ImportError::json(path, &e))?;
@@ -112,8 +115,8 @@ pub(crate) fn draw(
     let pictures = by_name(&file.images);
     let shared = shared_names(photos);
     let mut unknown = Vec::new();
-    let mut masks = Vec::with_capacity(photos.len());
-    for photo in photos {
+    let mut found = Vec::new();
+    for (i, photo) in photos.iter().enumerate() {
         let picture = match find(&pictures, photo.name) {
             // Whose picture it is, only its folders could say.
             Some((picture, key)) if key != full_name(photo.name) && shared.contains(&key) => {
@@ -125,18 +128,11 @@ pub(crate) fn draw(
             found => found.map(|(picture, _)| picture),
         };
         let parts = picture.and_then(|picture| outlines.get(&id_of(&picture.id)));
-        masks.push(match (picture, parts) {
-            (Some(picture), Some(parts)) => {
-                Some(draw_one(picture, parts, photo.size).map_err(|what| {
-                    ImportError::bad(
-                        path,
-                        format!("{}: {what}", picture.file_name),
-                        "correct the annotation or export it again",
-                    )
-                })?)
-            }
-            _ => None,
-        });
+        found.extend(
+            picture
+                .zip(parts)
+                .map(|(picture, parts)| (i, picture, parts)),
+        );
     }
     if let Some((name, picture)) = unknown.first() {
         notes.push(format!(
@@ -144,7 +140,7 @@ pub(crate) fn draw(
             unknown.len()
         ));
     }
-    if masks.iter().all(Option::is_none) {
+    if found.is_empty() {
         return Err(ImportError::bad(
             path,
             match file.images.first() {
@@ -161,7 +157,20 @@ pub(crate) fn draw(
             "annotate the photos of this scene",
         ));
     }
-    Ok(Drawn { masks, notes })
+    for (i, picture, parts) in &found {
+        let mask = draw_one(picture, parts, photos[*i].size).map_err(|what| {
+            ImportError::bad(
+                path,
+                format!("{}: {what}", picture.file_name),
+                "correct the annotation or export it again",
+            )
+        })?;
+        take(*i, mask)?;
+    }
+    Ok(Drawn {
+        count: found.len(),
+        notes,
+    })
 }
 
 /// Ids that are the same are the same text: 1.0, which tables make of it, is the number 1.
@@ -338,4 +347,50 @@ fn draw_one(
             0
         }])
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn a_mask_is_handed_over_before_the_next_is_drawn() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("coco.json");
+        // The third cannot be drawn: it was annotated in another shape.
+        let text = r#"{
+            "images": [
+                {"id": 1, "file_name": "a.png"}, {"id": 2, "file_name": "b.png"},
+                {"id": 3, "file_name": "c.png", "width": 9, "height": 2}
+            ],
+            "annotations": [
+                {"image_id": 1, "segmentation": [[0, 0, 4, 0, 4, 4]]},
+                {"image_id": 2, "segmentation": [[0, 0, 4, 0, 4, 4]]},
+                {"image_id": 3, "segmentation": [[0, 0, 4, 0, 4, 4]]}
+            ]
+        }"#;
+        std::fs::write(&path, text).unwrap();
+        let photos =
+            ["none.png", "a.png", "b.png", "c.png"].map(|name| Wanted { name, size: (8, 8) });
+        let mut taken = Vec::new();
+        let error = draw(&path, None, &photos, |i, mask| {
+            taken.push((i, mask.dimensions()));
+            Ok(())
+        });
+        assert!(
+            error
+                .unwrap_err()
+                .to_string()
+                .contains("c.png: it was annotated at 9x2")
+        );
+        assert_eq!(taken, [(1, (8, 8)), (2, (8, 8))]);
+        // Nor is anything drawn after one that could not be kept.
+        let mut tried = 0;
+        let full = draw(&path, None, &photos, |_, _| {
+            tried += 1;
+            Err(ImportError::bad(&path, "full", "free some space"))
+        });
+        assert!(full.is_err() && tried == 1);
+    }
 }

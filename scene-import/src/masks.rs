@@ -5,7 +5,7 @@ use crate::error::ImportError;
 use crate::gather::{Imported, same_shape};
 use crate::labels::Labels;
 use image::GrayImage;
-use io_colmap::{MaskFiles, MaskSet, Polarity, Scene, write_png};
+use io_colmap::{IGNORE_FOLDER, MaskFiles, MaskSet, Polarity, Scene, write_png};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -34,6 +34,8 @@ pub struct MaskOptions {
     pub label: Option<u32>,
     /// Which colour of a plain mask is the object; `None` to find out.
     pub polarity: Option<Polarity>,
+    /// The folder of pictures of what is not to be learned from; `None` for `ignore/` in the scene, if it has one.
+    pub ignore: Option<PathBuf>,
 }
 
 /// A source that has been found.
@@ -124,22 +126,31 @@ impl MaskOptions {
         }
         let set = MaskSet::of_files(place, files, scene, self.polarity)?;
         notes.extend(set.notes.iter().cloned());
-        let written: usize = scene
-            .model
-            .views
-            .par_iter()
-            .enumerate()
-            .map(|(i, view)| {
-                let Some(camera) = scene.model.cameras.get(&view.camera_id) else {
-                    return Ok(0);
-                };
-                match set.load(i, camera.width, camera.height)? {
-                    Some(mask) => save(&mask, &mask_path(out, &view.name)).map(|()| 1),
-                    None => Ok(0),
-                }
-            })
-            .sum::<Result<usize, ImportError>>()?;
-        Ok(written)
+        write_set(&set, scene, out)
+    }
+
+    /// Writes pictures of what is not to be learned from into `out`, white for that. Returns their number and adds to the
+    /// notes.
+    pub(crate) fn write_ignored(
+        &self,
+        imported: &Imported,
+        scene: &Scene,
+        out: &Path,
+        notes: &mut Vec<String>,
+    ) -> Result<usize, ImportError> {
+        let beside = imported.root.join(IGNORE_FOLDER);
+        let folder = match &self.ignore {
+            Some(folder) => folder,
+            None if beside.is_dir() => &beside,
+            None => return Ok(0),
+        };
+        let set = MaskSet::find_ignored(folder, scene)?;
+        notes.push(format!(
+            "what is not to be learned from is taken from {}",
+            folder.display()
+        ));
+        notes.extend(set.notes.iter().cloned());
+        write_set(&set, scene, out)
     }
 
     fn write_drawn(
@@ -162,22 +173,34 @@ impl MaskOptions {
                     .map_or((0, 0), |camera| (camera.width, camera.height)),
             })
             .collect();
-        let drawn = coco::draw(path, self.label, &wanted)?;
+        let drawn = coco::draw(path, self.label, &wanted, |i, mask| {
+            save(&mask, &mask_path(out, wanted[i].name))
+        })?;
         notes.push(format!("masks are drawn from {}", path.display()));
         notes.extend(drawn.notes);
-        let mut written = 0;
-        for (view, mask) in scene.model.views.iter().zip(drawn.masks) {
-            if let Some(mask) = mask {
-                save(&mask, &mask_path(out, &view.name))?;
-                written += 1;
-            }
-        }
         notes.push(format!(
-            "{written} of {} photos have a mask",
-            scene.model.views.len()
+            "{} of {} photos have a mask",
+            drawn.count,
+            wanted.len()
         ));
-        Ok(written)
+        Ok(drawn.count)
     }
+}
+
+/// Writes pictures that belong to photos; returns their number.
+fn write_set(set: &MaskSet, scene: &Scene, out: &Path) -> Result<usize, ImportError> {
+    let views = scene.model.views.par_iter().enumerate();
+    views
+        .map(|(i, view)| {
+            let Some(camera) = scene.model.cameras.get(&view.camera_id) else {
+                return Ok(0);
+            };
+            match set.load(i, camera.width, camera.height)? {
+                Some(mask) => save(&mask, &mask_path(out, &view.name)).map(|()| 1),
+                None => Ok(0),
+            }
+        })
+        .sum()
 }
 
 fn write_label(

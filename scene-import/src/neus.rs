@@ -15,6 +15,11 @@ use io_colmap::Pose;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
+/// The camera of each photo, by its number.
+const CAMERA: &str = "world_mat_";
+/// The sphere around the object; that of every other camera is the same.
+const SPHERE: &str = "scale_mat_0";
+
 /// A projection matrix taken apart.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Projection {
@@ -26,9 +31,9 @@ pub(crate) struct Projection {
 
 pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Imported, ImportError> {
     let path = &detected.source;
-    let arrays = read_npz(path)?;
+    let arrays = read_npz(path, is_used)?;
     let count = (0..)
-        .take_while(|i| arrays.contains_key(&format!("world_mat_{i}")))
+        .take_while(|i| arrays.contains_key(&format!("{CAMERA}{i}")))
         .count();
     if count == 0 {
         return Err(ImportError::bad(
@@ -50,7 +55,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
 
     let mut gather = Gather::default();
     for (order, (i, photo)) in pairs.into_iter().enumerate() {
-        let name = format!("world_mat_{i}");
+        let name = format!("{CAMERA}{i}");
         let bad = |what: String| {
             ImportError::bad(
                 path,
@@ -93,6 +98,12 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
     }
     gather.notes.extend(sphere(&arrays));
     gather.finish(detected.format, &detected.root, path)
+}
+
+/// Whether an array of that name is read: converters put their own beside them.
+fn is_used(name: &str) -> bool {
+    let number = name.strip_prefix(CAMERA);
+    name == SPHERE || number.is_some_and(|number| number.parse::<usize>().is_ok())
 }
 
 /// Photos in order if there are as many, else by the numbers in their names.
@@ -146,11 +157,11 @@ fn masks_of(photos: &[PathBuf], masks: &[PathBuf]) -> Option<Vec<PathBuf>> {
 
 /// What the file says about where the object is.
 fn sphere(arrays: &BTreeMap<String, Array>) -> Option<String> {
-    let rows = rows(arrays.get("scale_mat_0")?).ok()?;
+    let rows = rows(arrays.get(SPHERE)?).ok()?;
     let centre = DVec3::new(rows[0][3], rows[1][3], rows[2][3]);
     centre.is_finite().then(|| {
         format!(
-            "scale_mat puts the object within {} of ({}, {}, {})",
+            "scale_mat puts the object within {:.3} of ({:.3}, {:.3}, {:.3}), in the scene's units",
             rows[0][0], centre.x, centre.y, centre.z
         )
     })

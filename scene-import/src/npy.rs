@@ -4,6 +4,7 @@
 //! generator along.
 
 use crate::error::{ImportError, load};
+use half::f16;
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read as _};
 use std::path::Path;
@@ -23,21 +24,26 @@ pub(crate) fn read_npy(path: &Path) -> Result<Array, ImportError> {
     parse(&load(path)?).map_err(|what| damaged(path, what))
 }
 
-/// Reads all arrays of a `.npz` file, by name.
-pub(crate) fn read_npz(path: &Path) -> Result<BTreeMap<String, Array>, ImportError> {
+/// Reads those arrays of a `.npz` file that are wanted by name. Others may hold what they like, such as texts.
+pub(crate) fn read_npz(
+    path: &Path,
+    wanted: impl Fn(&str) -> bool,
+) -> Result<BTreeMap<String, Array>, ImportError> {
     let bytes = load(path)?;
     let mut archive =
         zip::ZipArchive::new(Cursor::new(bytes)).map_err(|e| damaged(path, e.to_string()))?;
     let mut arrays = BTreeMap::new();
     let mut total = 0;
     for i in 0..archive.len() {
+        let full = archive.name_for_index(i).transpose();
+        let full = full.map_err(|e| damaged(path, e.to_string()))?;
+        let name = full.as_deref().and_then(|full| full.strip_suffix(".npy"));
+        let Some(name) = name.filter(|name| wanted(name)).map(str::to_owned) else {
+            continue;
+        };
         let file = archive
             .by_index(i)
             .map_err(|e| damaged(path, e.to_string()))?;
-        let full = file.name().map_err(|e| damaged(path, e.to_string()))?;
-        let Some(name) = full.strip_suffix(".npy").map(str::to_owned) else {
-            continue;
-        };
         let mut bytes = Vec::new();
         // The stated size is not to be trusted.
         file.take(LARGEST + 1)
@@ -57,7 +63,11 @@ pub(crate) fn read_npz(path: &Path) -> Result<BTreeMap<String, Array>, ImportErr
 }
 
 fn damaged(path: &Path, what: impl Into<String>) -> ImportError {
-    ImportError::bad(path, what, "save it again with numpy")
+    ImportError::bad(
+        path,
+        what,
+        "save it again with numpy, its numbers as float64",
+    )
 }
 
 fn parse(bytes: &[u8]) -> Result<Array, String> {
@@ -133,12 +143,14 @@ fn number_type(descr: &str) -> Result<(usize, Number), String> {
         ">f8" => number!(f64, from_be_bytes),
         "<f4" | "=f4" => number!(f32, from_le_bytes),
         ">f4" => number!(f32, from_be_bytes),
+        "<f2" | "=f2" => (2, |bytes| f16::from_le_bytes([bytes[0], bytes[1]]).to_f64()),
         "<i8" => number!(i64, from_le_bytes),
         "<i4" => number!(i32, from_le_bytes),
         "<i2" => number!(i16, from_le_bytes),
+        "<u8" => number!(u64, from_le_bytes),
         "<u4" => number!(u32, from_le_bytes),
         "<u2" => number!(u16, from_le_bytes),
-        "|u1" => number!(u8, from_le_bytes),
+        "|u1" | "|b1" => number!(u8, from_le_bytes),
         "|i1" => number!(i8, from_le_bytes),
         other => return Err(format!("numbers of type {other:?} are not known")),
     })
@@ -210,6 +222,19 @@ mod tests {
                 values: vec![7.5]
             }
         );
+    }
+
+    #[test]
+    fn seldom_types_are_read_too() {
+        let read = |descr: &str, data: &[u8]| {
+            let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (2,)}}");
+            parse(&file(&header, data)).unwrap().values
+        };
+        // 1.5 and -2.
+        assert_eq!(read("<f2", &[0x00, 0x3e, 0x00, 0xc0]), [1.5, -2.0]);
+        assert_eq!(read("|b1", &[1, 0]), [1.0, 0.0]);
+        let large = [1_u64 << 40, 7].map(u64::to_le_bytes).concat();
+        assert_eq!(read("<u8", &large), [(1_u64 << 40) as f64, 7.0]);
     }
 
     #[test]

@@ -6,7 +6,8 @@ use crate::gather::{Dropped, Imported};
 use crate::masks::{Chosen, MaskOptions, mask_path, save};
 use draft_folder::{Draft, Occupant};
 use io_colmap::{
-    ColmapError, Model, POLARITY_FILE, PhotoHeader, Polarity, Scene, read_photo, write_png,
+    ColmapError, IGNORE_FOLDER, Model, POLARITY_FILE, PhotoHeader, Polarity, Scene, read_photo,
+    write_png,
 };
 use rayon::prelude::*;
 use std::fs;
@@ -19,13 +20,15 @@ pub struct Written {
     pub photos: usize,
     /// Number of masks.
     pub masks: usize,
+    /// Number of photos with something that is not to be learned from.
+    pub ignored: usize,
     /// Decisions taken, one sentence each: those of the import, and those about masks.
     pub notes: Vec<String>,
 }
 
 impl Imported {
     /// Makes a scene folder: photos in `images/`, the model in `sparse/0/`, masks in `masks/` (white
-    /// is the object), and in `import.txt` what was decided.
+    /// is the object), what is not to be learned from in `ignore/` (white too), and in `import.txt` what was decided.
     ///
     /// Photos are copied. Those with an alpha channel, or that have to be turned, are written anew,
     /// as PNG. The folder appears when it is complete.
@@ -118,11 +121,14 @@ impl Imported {
             let text = format!("{}\n", Polarity::WhiteIsObject);
             fs::write(&path, text).map_err(|e| ImportError::io("write", &path, e))?;
         }
+        let ignore_dir = folder.join(IGNORE_FOLDER);
+        let ignored = masks.write_ignored(self, &scene, &ignore_dir, &mut notes)?;
         let text = folder.join("import.txt");
         fs::write(&text, self.record(&notes)).map_err(|e| ImportError::io("write", &text, e))?;
         Ok(Written {
             photos: views.len(),
             masks: count,
+            ignored,
             notes,
         })
     }

@@ -6,6 +6,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use scene_import::{Format, detect, read};
 use serde_json::{Value, json};
 use std::fs;
+use std::io::Write as _;
 use std::path::PathBuf;
 
 /// Exact but for rounding.
@@ -223,7 +224,7 @@ fn neus_projection_matrices_come_apart() {
         imported
             .notes
             .iter()
-            .any(|n| n.contains("within 2 of (0.1, 0.2, 0.3)"))
+            .any(|n| n.contains("within 2.000 of (0.100, 0.200, 0.300)"))
     );
     // By number, where some photos are gone.
     for (i, eye) in eyes().iter().enumerate() {
@@ -235,6 +236,38 @@ fn neus_projection_matrices_come_apart() {
     let third = &imported.model.views[1];
     assert_eq!(third.name, "002.png");
     assert!(third.camera_from_world.centre().distance(eyes()[2].centre) < EXACT);
+}
+
+#[test]
+fn arrays_that_neus_does_not_know_may_hold_what_they_like() {
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::neus(dir.path());
+    let add = |name: &str, descr: &str, data: &[u8]| {
+        let path = dir.path().join("cameras_sphere.npz");
+        let file = fs::File::options().read(true).write(true).open(path);
+        let mut archive = zip::ZipWriter::new_append(file.unwrap()).unwrap();
+        let options = zip::write::SimpleFileOptions::default()
+            .compression_method(zip::CompressionMethod::Stored);
+        archive.start_file(format!("{name}.npy"), options).unwrap();
+        let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (1,), }}");
+        archive.write_all(b"\x93NUMPY\x01\x00").unwrap();
+        let length = (header.len() as u16).to_le_bytes();
+        archive.write_all(&length).unwrap();
+        archive.write_all(header.as_bytes()).unwrap();
+        archive.write_all(data).unwrap();
+        archive.finish().unwrap();
+    };
+    add("image_names", "<U7", &[0; 28]);
+    add("world_mat_inv_0", "|O", &[1, 2, 3]);
+    let imported = import(dir.path(), Format::Neus).unwrap();
+    assert_sees(&imported.model, &eyes(), EXACT, |_, p| pinhole(p));
+    // What is used must be numbers.
+    add("world_mat_4", "<U7", &[0; 28]);
+    let error = import(dir.path(), Format::Neus).unwrap_err().to_string();
+    assert!(
+        error.contains("world_mat_4: numbers of type \"<U7\" are not known; save it again with numpy, its numbers as float64"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -4,6 +4,7 @@
 mod damage;
 mod fixtures;
 mod formats;
+mod ignore;
 mod lenses;
 mod masks;
 mod photogrammetry;

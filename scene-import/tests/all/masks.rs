@@ -408,6 +408,28 @@ fn alpha_is_a_mask_and_leaves_the_photo() {
     assert_eq!(photo.into_rgb8().get_pixel(1, 2).0, [1, 2, 9]);
     assert_written(&out, &["0001", "0002"]);
 
+    // Linear light times alpha, on nothing: half of 0.8 is half of the byte 231.
+    let rendered = tempfile::tempdir().unwrap();
+    fixtures::transforms(rendered.path(), |file| {
+        file["frames"][0]["file_path"] = "images/0001.exr".into();
+    });
+    image::Rgba32FImage::from_fn(WIDTH, HEIGHT, |x, y| {
+        let alpha = match (inside(x, y), x) {
+            (false, _) => 0.0,
+            (true, 30) => 0.5,
+            (true, _) => 1.0,
+        };
+        Rgba([0.8 * alpha, 0.8 * alpha, 0.8 * alpha, alpha])
+    })
+    .save(rendered.path().join("images/0001.exr"))
+    .unwrap();
+    let (_, out) = import(rendered.path(), &MaskOptions::default()).unwrap();
+    let photo = image::open(out.join("images/0001.png"))
+        .unwrap()
+        .into_rgb8();
+    let across = [5, 30, 50].map(|x| photo.get_pixel(x, 20).0[0]);
+    assert_eq!(across, [0, 116, 231]);
+
     let opaque = tempfile::tempdir().unwrap();
     fixtures::transforms(opaque.path(), |_| {});
     let alpha = MaskOptions {
