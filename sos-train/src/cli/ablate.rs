@@ -266,12 +266,13 @@ impl Place {
             words_of(args.table.preset, &args.table.settings),
             rows.collect(),
         );
-        // A table is the answer, however quiet all else is.
-        Voice::of(args.table.json, false).answer(&ablation, &ablation.table())?;
+        // First: it may not be printed, and is what took the time.
         let [markdown, json, html] = TABLE_FILES.map(|name| self.out.join(name));
         write_whole(&markdown, ablation.markdown().as_bytes())?;
         write_whole(&json, serde_json::to_string_pretty(&ablation)?.as_bytes())?;
         write_whole(&html, page.as_bytes())?;
+        // A table is the answer, however quiet all else is.
+        Voice::of(args.table.json, false).answer(&ablation, &ablation.table())?;
         if !args.table.quiet {
             let _ = writeln!(
                 std::io::stderr(),

@@ -167,12 +167,13 @@ impl Patient {
             source,
             label: args.label,
             polarity: args.polarity.map(Into::into),
+            ignore: args.ignore.clone(),
         };
         let (dir, bare) = (folder.path().join("scene"), folder.path().join("bare"));
         let (dir, written, mut without) = match imported.write(&dir, &options) {
             Ok(written) => (dir, written, none(&options.source, &detected.root)),
             // If it can be written without masks, those are what is wrong.
-            Err(error) => match imported.write(&bare, &without_masks()) {
+            Err(error) => match imported.write(&bare, &without_masks(args)) {
                 Ok(written) => {
                     let text = sentence(&error.into());
                     let (what, remedy) = text
@@ -231,9 +232,10 @@ impl Patient {
     }
 }
 
-fn without_masks() -> MaskOptions {
+fn without_masks(args: &DoctorArgs) -> MaskOptions {
     MaskOptions {
         source: MaskSource::None,
+        ignore: args.ignore.clone(),
         ..MaskOptions::default()
     }
 }

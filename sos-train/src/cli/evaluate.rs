@@ -18,10 +18,9 @@ const WORST: usize = 5;
 /// nothing is written.
 pub(super) fn eval(args: &EvalArgs) -> anyhow::Result<()> {
     let report = sos_eval::run_eval(&args.run, &args.gt, args.start.as_deref())?;
-    Voice::of(args.json, false).answer(&report, &report.table(WORST))?;
     if let Ok(run) = RunFolder::open_existing(&args.run) {
         Metrics {
-            scores: Some(report),
+            scores: Some(report.clone()),
             ..Metrics::read(&run)
         }
         .write(&run)?;
@@ -40,7 +39,7 @@ pub(super) fn eval(args: &EvalArgs) -> anyhow::Result<()> {
             }
         }
     }
-    Ok(())
+    Voice::of(args.json, false).answer(&report, &report.table(WORST))
 }
 
 /// Scores several results beside each other.

@@ -22,6 +22,7 @@ pub(super) fn import(args: &ImportArgs) -> anyhow::Result<()> {
         source: mask_source(args.masks.as_deref()),
         label: args.label,
         polarity: args.polarity.map(Into::into),
+        ignore: None,
     };
     let say = |text: &str| {
         if !args.quiet {
@@ -138,6 +139,7 @@ pub(super) fn write_into_run(
         source,
         label: plan.label,
         polarity: plan.polarity.map(Into::into),
+        ignore: plan.ignore.clone(),
     };
     let unfinished = run.fresh_scene_dir()?;
     let written = imported.write(&unfinished, &options)?;

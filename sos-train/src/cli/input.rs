@@ -2,7 +2,7 @@
 
 use super::TrainArgs;
 use super::answer::Voice;
-use super::resumed::{explain, going_on, other_version, photos_of};
+use super::resumed::{at_home, explain, going_on, is_own_scene, other_version, photos_of};
 use crate::config::{InputRecord, MaskPolarity, RunRecord, TrainConfig};
 use crate::device::built_in;
 use crate::discover::hint::{Click, WorldBox};
@@ -13,7 +13,7 @@ use crate::train::schedule::keep_carving;
 use anyhow::Context as _;
 use demo_scene::{DemoConfig, DemoError, DemoScene, check_vacant, generate};
 use draft_folder::Occupant;
-use io_colmap::{MaskFiles, Scene};
+use io_colmap::{IGNORE_FOLDER, MaskFiles, Scene};
 use scene_import::MaskSource;
 use serde_json::json;
 use std::fs;
@@ -33,7 +33,8 @@ pub(super) struct Plan {
     pub(super) masks: MaskSource,
     pub(super) label: Option<u32>,
     pub(super) polarity: Option<MaskPolarity>,
-    /// What the scene was made from, if the run to go on with made it.
+    /// What the scene was made from, if it lies in the run's own folder because the run imported it, or the one that
+    /// is gone on with or replaced did.
     pub(super) imported_from: Option<PathBuf>,
     pub(super) click: Option<Click>,
     pub(super) object_box: Option<WorldBox>,
@@ -143,23 +144,30 @@ impl Plan {
             (input, None) => input,
             (_, Some(_)) => None,
         };
+        let file = match &args.config {
+            Some(file) => file.clone(),
+            None => out.join("config.toml"),
+        };
+        let recorded = recorded.map(|input| at_home(input, &file, &out));
         // A run that goes on does so with what its record says.
         let is_known = args.resume && recorded.is_some();
         let stated = args.scene.as_ref().filter(|_| !is_known);
-        // What a run imported is in its own folder, wherever that is now.
-        let imported_from = recorded
-            .as_ref()
-            .filter(|_| args.resume)
-            .and_then(|input| input.imported_from.clone());
         let source = match (stated, &recorded) {
-            _ if imported_from.is_some() => Source::Folder(RunFolder::scene_in(&out)),
             (Some(scene), _) => Source::Folder(scene.clone()),
             (None, Some(input)) if !input.demo => Source::Folder(input.scene.clone()),
             (None, _) => Source::Demo,
         };
+        let of_record = recorded.as_ref();
+        let imported_from = match &source {
+            Source::Folder(scene) if is_own_scene(scene, &out) => of_record
+                .and_then(|input| input.imported_from.clone())
+                .or_else(|| made_from(&out)),
+            Source::Folder(_) | Source::Demo => None,
+        };
+        let keeps_masks = args.resume && imported_from.is_some();
         let masks = match (&args.masks, &recorded) {
             // Imported masks are in the run's own folder, whatever they were made of.
-            _ if imported_from.is_some() => MaskSource::Look,
+            _ if keeps_masks => MaskSource::Look,
             (Some(path), _) => mask_source(Some(path)),
             (None, Some(input)) if !input.demo => match &input.masks {
                 Some(dir) => MaskSource::Path(dir.clone()),
@@ -178,7 +186,6 @@ impl Plan {
             .filter(|_| args.click.is_none() && args.object_box.is_none())
             .map(|input| (input.click.clone(), input.object_box))
             .unwrap_or((args.click.clone(), args.object_box));
-        let of_record = recorded.as_ref();
         let polarity = args.polarity.or(of_record.and_then(|input| input.polarity));
         let photos = recorded
             .filter(|_| args.resume)
@@ -187,7 +194,7 @@ impl Plan {
             config,
             source,
             masks,
-            label: args.label.filter(|_| imported_from.is_none()),
+            label: args.label.filter(|_| !keeps_masks),
             polarity,
             imported_from,
             click: hints.0,
@@ -232,7 +239,14 @@ fn check_unicode(path: &Path) -> Result<(), InputError> {
 
 /// Where a scene says what is not to be learned from, if it does.
 pub(super) fn ignore_folder(scene: &Path) -> Option<PathBuf> {
-    Some(scene.join("ignore")).filter(|dir| dir.is_dir())
+    let root = match scene.is_file() {
+        // What lies beside a video is about other photos than its frames.
+        true if scene_capture::detect(scene).is_some() => return None,
+        // The file with the poses stands for its folder.
+        true => scene.parent()?,
+        false => scene,
+    };
+    Some(root.join(IGNORE_FOLDER)).filter(|dir| dir.is_dir())
 }
 
 /// The folder to take masks from for a COLMAP scene, and what to tell the user about the choice.
@@ -340,10 +354,17 @@ pub(super) fn record_input(
 
 /// Whether the run at `out` made the scene in its folder.
 pub(super) fn owns_scene(out: &Path) -> bool {
-    read_record(&out.join("config.toml"))
-        .ok()
-        .and_then(|(record, _)| record.input)
-        .is_some_and(|input| input.owns_scene())
+    input_of(out).is_some_and(|input| input.owns_scene())
+}
+
+/// What the run at `out` imported the scene in its folder from.
+fn made_from(out: &Path) -> Option<PathBuf> {
+    input_of(out)?.imported_from
+}
+
+fn input_of(out: &Path) -> Option<InputRecord> {
+    let (record, _) = read_record(&out.join("config.toml")).ok()?;
+    record.input
 }
 
 /// An error, before anything takes its time, unless there is nothing or an empty folder where a folder of results goes.
@@ -431,6 +452,18 @@ mod tests {
         assert_eq!((layered.seed, layered.loss.mask), (5, 0.3));
         assert_eq!((layered.steps, layered.loss.eikonal), (10, 0.2));
         assert_eq!(layered.prepare.downscale, 2);
+    }
+
+    #[test]
+    fn the_file_with_the_poses_stands_for_its_folder() {
+        let dir = tempfile::tempdir().unwrap();
+        let [ignore, poses, video] =
+            ["ignore", "a.json", "a.mp4"].map(|name| dir.path().join(name));
+        fs::create_dir(&ignore).unwrap();
+        fs::write(&poses, "").unwrap();
+        fs::write(&video, "").unwrap();
+        let found = [dir.path(), &poses, &video].map(ignore_folder);
+        assert_eq!(found, [Some(ignore.clone()), Some(ignore), None]);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::input::{NO_MASKS, Plan};
 use super::train::train_run;
 use super::{SettingArgs, TrainArgs, complain};
-use crate::config::{Preset, RunRecord};
+use crate::config::{InputRecord, Preset, RunRecord};
 use crate::error::{EXIT_OK, InputError, sentence};
 use crate::run_folder::{RunError, RunFolder};
 use anyhow::Context as _;
@@ -39,7 +39,8 @@ impl State {
 /// Whether `command`, which names its scene, masks and folder, makes sense, and whether what is in its
 /// folder was made by it.
 pub(super) fn check(command: &TrainArgs) -> anyhow::Result<()> {
-    let mut wanted = Plan::new(command)?.config;
+    let plan = Plan::new(command)?;
+    let mut wanted = plan.config.clone();
     let (Some(scene), Some(dir)) = (&command.scene, &command.out) else {
         return Ok(());
     };
@@ -71,6 +72,15 @@ pub(super) fn check(command: &TrainArgs) -> anyhow::Result<()> {
         )
         .into());
     }
+    let input = record.input.as_ref();
+    if let Some([there, here]) = input.and_then(|input| difference_of(input, &plan)) {
+        return Err(InputError::new(
+            dir,
+            format!("it was made {there}, not {here}"),
+            "choose another --out, or remove it to train it again",
+        )
+        .into());
+    }
     if wanted.steps == 0 {
         // Left open: the run's record has what suited its scene.
         wanted.steps = record.config.steps;
@@ -85,6 +95,27 @@ pub(super) fn check(command: &TrainArgs) -> anyhow::Result<()> {
         .into());
     }
     Ok(())
+}
+
+/// What was said about a run's masks and photos, and what is said now, where these are not the same.
+fn difference_of(input: &InputRecord, plan: &Plan) -> Option<[String; 2]> {
+    if input.polarity != plan.polarity {
+        return Some(
+            [input.polarity, plan.polarity].map(|polarity| match polarity {
+                Some(polarity) => {
+                    format!("with --polarity {}", format!("{polarity:?}").to_lowercase())
+                }
+                None => "without --polarity".to_owned(),
+            }),
+        );
+    }
+    let ignore = plan.ignore.as_deref().map(full);
+    (input.ignore != ignore).then(|| {
+        [&input.ignore, &ignore].map(|folder| match folder {
+            Some(folder) => format!("with the ignore pictures in {}", folder.display()),
+            None => "without ignore pictures".to_owned(),
+        })
+    })
 }
 
 /// Trains what is missing of the run of `command`, which names its folder; gives the exit code.
@@ -156,4 +187,76 @@ pub(super) fn words_of(preset: Option<Preset>, settings: &SettingArgs) -> String
 
 fn full(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::config::MaskPolarity;
+
+    #[test]
+    fn a_run_is_kept_only_where_masks_and_photos_are_meant_as_they_were() {
+        let dir = tempfile::tempdir().unwrap();
+        let [scene, run] = ["scene", "run"].map(|name| dir.path().join(name));
+        let [masks, ignore] = ["masks", "ignore"].map(|name| scene.join(name));
+        for folder in [&run, &masks] {
+            fs::create_dir_all(folder).unwrap();
+        }
+        let command = TrainArgs {
+            scene: Some(scene.clone()),
+            masks: Some(masks.clone()),
+            out: Some(run.clone()),
+            ..TrainArgs::default()
+        };
+        let made_with = |polarity, ignore: Option<&PathBuf>| {
+            let input = InputRecord {
+                scene: scene.clone(),
+                masks: Some(masks.clone()),
+                polarity,
+                ignore: ignore.cloned(),
+                out: run.clone(),
+                demo: false,
+                imported_from: None,
+                photos: None,
+                click: None,
+                object_box: None,
+            };
+            let config = Plan::new(&command).unwrap().config;
+            let text = RunRecord::new(config, input).to_toml().unwrap();
+            fs::write(run.join("config.toml"), text).unwrap();
+        };
+        let says = || check(&command).map_err(|error| error.to_string());
+
+        made_with(None, None);
+        assert_eq!(says(), Ok(()));
+        let black = check(&TrainArgs {
+            polarity: Some(MaskPolarity::Black),
+            ..command.clone()
+        });
+        let black = black.unwrap_err().to_string();
+        let expected = "it was made without --polarity, not with --polarity black; choose";
+        assert!(black.contains(expected), "{black}");
+        made_with(Some(MaskPolarity::White), None);
+        let white = says().unwrap_err();
+        assert!(
+            white.contains("made with --polarity white, not without --polarity;"),
+            "{white}"
+        );
+
+        // The folder is taken where there is one, which the run did not know.
+        made_with(None, None);
+        fs::create_dir(&ignore).unwrap();
+        let added = says().unwrap_err();
+        let expected = format!(
+            "made without ignore pictures, not with the ignore pictures in {};",
+            ignore.display()
+        );
+        assert!(added.contains(&expected), "{added}");
+        made_with(None, Some(&ignore));
+        assert_eq!(says(), Ok(()));
+        fs::remove_dir(&ignore).unwrap();
+        let gone = says().unwrap_err();
+        assert!(gone.contains(", not without ignore pictures;"), "{gone}");
+    }
 }

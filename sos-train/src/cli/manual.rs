@@ -2,13 +2,14 @@
 //! own description.
 
 use super::Sos;
+use super::answer::{answer, print};
 use crate::error::EXIT_CODES;
 use crate::run_folder::{RunError, write_whole};
 use clap::{Command, CommandFactory as _};
 use clap_complete::{Shell, generate};
 use clap_mangen::Man;
 use clap_mangen::roff::{Roff, bold, roman};
-use std::io::{self, Write as _};
+use std::io;
 use std::path::Path;
 
 /// The program's name in a shell.
@@ -24,8 +25,7 @@ any run has them all.";
 pub(super) fn completions(shell: Shell) -> anyhow::Result<()> {
     let mut script = Vec::new();
     generate(shell, &mut Sos::command(), NAME, &mut script);
-    print(&script);
-    Ok(())
+    Ok(print(&script)?)
 }
 
 /// Prints the program's page, or writes those of all commands into a folder.
@@ -34,8 +34,7 @@ pub(super) fn pages(out: Option<&Path>) -> anyhow::Result<()> {
     // So that the names of commands have the program's before them.
     command.build();
     let Some(dir) = out else {
-        print(&page(command)?);
-        return Ok(());
+        return Ok(print(&page(command)?)?);
     };
     let mut count = 1;
     write_page(dir, NAME, command.clone())?;
@@ -47,8 +46,7 @@ pub(super) fn pages(out: Option<&Path>) -> anyhow::Result<()> {
         write_page(dir, &name, sub.clone())?;
         count += 1;
     }
-    super::answer::answer(&format!("{}: {count} manual pages", dir.display()));
-    Ok(())
+    Ok(answer(&format!("{}: {count} manual pages", dir.display()))?)
 }
 
 fn write_page(dir: &Path, name: &str, command: Command) -> anyhow::Result<()> {
@@ -89,9 +87,4 @@ fn section(page: &mut Vec<u8>, title: &str, parts: &[(&str, &str)]) -> io::Resul
         roff.text([roman(*text)]);
     }
     roff.to_writer(page)
-}
-
-/// A reader that has gone, as in `sos man | head`, is no error.
-fn print(text: &[u8]) {
-    let _ = std::io::stdout().write_all(text);
 }

@@ -61,10 +61,11 @@ pub(super) fn results(args: &ResultsArgs) -> anyhow::Result<u8> {
             .filter(|row| !row.runs.is_empty())
             .collect(),
     );
-    Voice::of(args.table.json, false).answer(&results, &results.table())?;
+    // First: it may not be printed, and is what took the time.
     let [markdown, json] = TABLE_FILES.map(|name| out.join(name));
     write_whole(&markdown, results.markdown().as_bytes())?;
     write_whole(&json, serde_json::to_string_pretty(&results)?.as_bytes())?;
+    Voice::of(args.table.json, false).answer(&results, &results.table())?;
     if !args.table.quiet {
         let _ = writeln!(std::io::stderr(), "the table is in {}", markdown.display());
     }

@@ -5,7 +5,7 @@ use crate::config::{InputRecord, RunRecord, Versions};
 use crate::error::InputError;
 use crate::prepare::error::PrepareError;
 use crate::run_folder::RunFolder;
-use io_colmap::Model;
+use io_colmap::{IGNORE_FOLDER, Model};
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -40,6 +40,43 @@ pub(super) fn going_on(
         format!("it is a run of {made_from}, not of {}", stated.display()),
         "leave SCENE out to go on with it, or choose another folder with --out",
     ))
+}
+
+/// What a run was given, with the scene that it imported where that is now: in the run's own folder, which may have
+/// been moved or copied. `config` is the file that says it, `out` the folder that is to be trained into.
+pub(super) fn at_home(input: InputRecord, config: &Path, out: &Path) -> InputRecord {
+    let Some(run) = config.parent().filter(|_| input.imported_from.is_some()) else {
+        return input;
+    };
+    let own = RunFolder::scene_in(run);
+    let (is_here, is_gone) = (own.is_dir(), !input.scene.exists());
+    // A file may be a copy in some other folder, beside a scene that it is not about.
+    let is_of_out = resolved_folder(run) == resolved_folder(out);
+    let mut found = if is_of_out && (is_here || is_gone) || is_here && is_gone {
+        moved(&input, &own)
+    } else {
+        input
+    };
+    // The pictures were copied with the photos; what they were copied from may be gone as those may.
+    let copy = found.scene.join(IGNORE_FOLDER);
+    if found.ignore.as_ref().is_some_and(|folder| !folder.exists()) && copy.is_dir() {
+        found.ignore = Some(copy);
+    }
+    found
+}
+
+/// Whether `scene` is the one in the folder of the run at `out`.
+pub(super) fn is_own_scene(scene: &Path, out: &Path) -> bool {
+    resolved(scene) == resolved(&RunFolder::scene_in(out))
+}
+
+/// The same of the folder that a file is in, which is nothing where the file's path is its name alone.
+fn resolved_folder(folder: &Path) -> PathBuf {
+    if folder.as_os_str().is_empty() {
+        resolved(Path::new("."))
+    } else {
+        resolved(folder)
+    }
 }
 
 fn resolved(path: &Path) -> PathBuf {
@@ -142,9 +179,12 @@ fn is_of_checkpoint(error: &anyhow::Error) -> bool {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use super::super::TrainArgs;
+    use super::super::input::Source;
     use super::*;
     use crate::config::TrainConfig;
     use crate::run_folder::Existing;
+    use scene_import::MaskSource;
 
     fn input(scene: &Path) -> InputRecord {
         InputRecord {
@@ -193,6 +233,92 @@ mod tests {
         assert!(going_on(imported.clone(), &dog, &out).is_err());
         assert!(going_on(imported.clone(), &gone, &out).is_ok());
         assert!(going_on(imported, &out.join("scene"), &out).is_ok());
+    }
+
+    #[test]
+    fn a_scene_that_a_run_imported_is_found_with_the_run() {
+        let dir = tempfile::tempdir().unwrap();
+        let [old, run, other] = ["old", "run", "other"].map(|name| dir.path().join(name));
+        let imported = InputRecord {
+            ignore: Some("/photos/ignore".into()),
+            imported_from: Some("/photos".into()),
+            ..input(&old.join("scene"))
+        };
+        let found = |file: &Path, out: &Path| at_home(imported.clone(), file, out);
+        let file = run.join("config.toml");
+        fs::create_dir_all(run.join("scene/ignore")).unwrap();
+        // Moved with its run, whatever comes of it.
+        for out in [&run, &other] {
+            let found = found(&file, out);
+            assert_eq!(found.scene, run.join("scene"));
+            assert_eq!(found.masks, Some(run.join("scene/masks")));
+            // What was copied from is gone.
+            assert_eq!(found.ignore, Some(run.join("scene/ignore")));
+        }
+        // Of a copied run there are two.
+        fs::create_dir_all(old.join("scene")).unwrap();
+        assert_eq!(found(&file, &run).scene, run.join("scene"));
+        assert_eq!(found(&file, &other), imported);
+        // A copied file alone says nothing about what lies beside it.
+        fs::create_dir_all(other.join("scene")).unwrap();
+        assert_eq!(found(&other.join("mine.toml"), &run), imported);
+        // What was not imported lies where it was.
+        let plain = input(&dir.path().join("gone"));
+        assert_eq!(at_home(plain.clone(), &file, &run), plain);
+    }
+
+    #[test]
+    fn a_run_that_is_repeated_in_its_place_still_owns_its_scene() {
+        let dir = tempfile::tempdir().unwrap();
+        let [run, other] = ["run", "other"].map(|name| dir.path().join(name));
+        let scene = run.join("scene");
+        fs::create_dir_all(scene.join("masks")).unwrap();
+        let record = InputRecord {
+            imported_from: Some("/photos".into()),
+            ..input(&scene)
+        };
+        let text = RunRecord::new(TrainConfig::default(), record).to_toml();
+        let file = run.join("config.toml");
+        fs::write(&file, text.unwrap()).unwrap();
+        let plan = |out: &Path, scene: Option<&Path>, more: TrainArgs| {
+            let config = scene.is_none().then(|| file.clone());
+            let args = TrainArgs {
+                scene: scene.map(Path::to_path_buf),
+                config,
+                out: Some(out.to_path_buf()),
+                force: true,
+                ..more
+            };
+            Plan::new(&args).unwrap()
+        };
+        let made_from = Some(PathBuf::from("/photos"));
+        let again = plan(&run, None, TrainArgs::default());
+        assert_eq!(again.source, Source::Folder(scene.clone()));
+        assert_eq!(again.masks, MaskSource::Path(scene.join("masks")));
+        assert_eq!(again.imported_from, made_from);
+        // Without masks this time.
+        let without = TrainArgs {
+            masks: Some("none".into()),
+            ..TrainArgs::default()
+        };
+        let without = plan(&run, None, without);
+        assert_eq!(without.masks, MaskSource::None);
+        assert_eq!(without.imported_from, made_from);
+        // The same said by its path.
+        let stated = plan(&run, Some(&scene), TrainArgs::default());
+        assert_eq!(stated.imported_from, made_from);
+
+        // Another run uses the scene and does not own it.
+        for elsewhere in [
+            plan(&other, None, TrainArgs::default()),
+            plan(&other, Some(&scene), TrainArgs::default()),
+        ] {
+            assert_eq!(elsewhere.source, Source::Folder(scene.clone()));
+            assert_eq!(elsewhere.imported_from, None);
+        }
+        // Nor is another scene the run's own.
+        let photos = plan(&run, Some(dir.path()), TrainArgs::default());
+        assert_eq!(photos.imported_from, None);
     }
 
     #[test]

@@ -262,9 +262,11 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
         Some(run) => run,
         None => folder(args, &plan.out)?,
     };
-    let imported_from = imported
-        .map(|imported| imported.from)
-        .or_else(|| plan.imported_from.clone());
+    // A scene that is imported once more, for other masks, was once made from something else.
+    let imported_from = plan
+        .imported_from
+        .clone()
+        .or_else(|| imported.map(|imported| imported.from));
     let input = record_input(
         plan,
         &scene,

@@ -105,6 +105,21 @@ fn rows_are_trained_once_and_scored_together() {
     let (code, _, said) = ablate(dir.path(), &["--steps", "4", "--only", "semantic"]);
     assert_eq!(code, Some(2), "{said}");
     assert!(said.contains("steps = 3, not 4"), "{said}");
+    let white = ["--polarity", "white", "--only", "semantic"];
+    let (code, _, said) = ablate(dir.path(), &[&few[..], &white].concat());
+    assert_eq!(code, Some(2), "{said}");
+    let expected = "without --polarity, not with --polarity white";
+    assert!(said.contains(expected), "{said}");
+    // Nor those that knew nothing of somebody in the photos.
+    fs::create_dir(scene.join("ignore")).unwrap();
+    let someone = image::GrayImage::new(96, 72);
+    someone.save(scene.join("ignore/003.png")).unwrap();
+    let (code, _, said) = ablate(dir.path(), &[&few[..], &["--only", "semantic"]].concat());
+    assert_eq!(code, Some(2), "{said}");
+    assert!(
+        said.contains("without ignore pictures, not with the ignore pictures in"),
+        "{said}"
+    );
     assert_eq!(log("semantic"), before);
 }
 

@@ -104,7 +104,11 @@ fn a_scene_may_be_written_into_the_folder_one_is_in() {
 #[test]
 fn import_says_what_it_does_and_writes_a_colmap_scene() {
     let dir = tempfile::tempdir().unwrap();
-    scene_with_transforms(&dir.path().join("fox"));
+    let fox = dir.path().join("fox");
+    scene_with_transforms(&fox);
+    fs::create_dir(fox.join("ignore")).unwrap();
+    let someone = image::GrayImage::from_pixel(96, 72, image::Luma([255]));
+    someone.save(fox.join("ignore/001.png")).unwrap();
     let arguments = [
         "import",
         "fox",
@@ -120,12 +124,14 @@ fn import_says_what_it_does_and_writes_a_colmap_scene() {
         "transforms.json",
         "left out: images/gone.png has no photo",
         "6 photos with poses, 5 masks",
+        "1 of 6 photos have an ignore picture",
         "train new/scene",
     ] {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }
     let scene = Scene::open(&dir.path().join("new/scene")).unwrap();
     assert_eq!(scene.model.views.len(), 6);
+    assert!(scene.root.join("ignore/001.png").is_file());
     refused(
         dir.path(),
         &arguments,
@@ -157,7 +163,12 @@ fn import_says_what_it_does_and_writes_a_colmap_scene() {
 #[test]
 fn training_imports_a_scene_and_keeps_it() {
     let dir = tempfile::tempdir().unwrap();
-    scene_with_transforms(&dir.path().join("fox"));
+    let fox = dir.path().join("fox");
+    scene_with_transforms(&fox);
+    fs::create_dir(fox.join("ignore")).unwrap();
+    let white_at_left = |x, _| image::Luma([if x < 10 { 255 } else { 0 }]);
+    let someone = image::GrayImage::from_fn(96, 72, white_at_left);
+    someone.save(fox.join("ignore/003.png")).unwrap();
     let settings = [
         "steps=4",
         "model.levels=4",
@@ -166,9 +177,10 @@ fn training_imports_a_scene_and_keeps_it() {
         "sampling.occupancy_resolution=32",
         "export.mesh_resolution=32",
     ];
+    // The file with the poses does as well as its folder.
     let mut train = vec![
         "train",
-        "fox",
+        "fox/transforms.json",
         "--masks",
         "fox/coarse_masks",
         "--out",
@@ -183,11 +195,16 @@ fn training_imports_a_scene_and_keeps_it() {
         text.contains("transforms.json") && text.contains("run/scene"),
         "{text}"
     );
+    assert!(
+        text.contains("parts of 1 photo are not learned from"),
+        "{text}"
+    );
     let run = dir.path().join("run");
     for file in [
         "scene/import.txt",
         "scene/sparse/0/images.bin",
         "scene/masks",
+        "scene/ignore/003.png",
         "report.html",
     ] {
         assert!(run.join(file).exists(), "{file}");
@@ -198,8 +215,15 @@ fn training_imports_a_scene_and_keeps_it() {
         "{config}"
     );
 
+    // Made once more in its place, as messages about damaged results tell, it has the same scene as its own.
+    let again = ["train", "--config", "run/config.toml", "--out", "run"];
+    let output = sos(dir.path(), &[&again[..], &["--force"]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", says(&output));
+    let repeated = fs::read_to_string(run.join("config.toml")).unwrap();
+    assert_eq!(repeated, config);
+
     // It goes on without what it was made from, also from another place.
-    fs::remove_dir_all(dir.path().join("fox")).unwrap();
+    fs::remove_dir_all(&fox).unwrap();
     fs::rename(&run, dir.path().join("moved")).unwrap();
     let resume = ["train", "--resume", "--out", "moved", "--steps", "6"];
     let output = sos(dir.path(), &resume);

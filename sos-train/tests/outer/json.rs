@@ -18,6 +18,57 @@ fn asked(dir: &Path, arguments: &[&str]) -> Value {
     serde_json::from_str(&printed).unwrap_or_else(|error| panic!("{error} in {printed}"))
 }
 
+/// Where nothing can be written, as on a full disk.
+#[cfg(target_os = "linux")]
+#[test]
+fn an_answer_that_does_not_arrive_is_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = dir.path().join("scene");
+    crate::fabricated::SCENE.write(&scene).unwrap();
+    let rows = ["ablate", "scene", "--only", "mask", "--out", "rows"];
+    for arguments in [
+        &["devices", "--json"][..],
+        &["doctor", "scene", "--masks", "none"],
+        &["completions", "bash"],
+        &["man"],
+        &[&rows[..], &["--json"]].concat(),
+    ] {
+        let full = std::fs::File::options().write(true).open("/dev/full");
+        let output = Command::new(env!("CARGO_BIN_EXE_sos"))
+            .args(arguments)
+            .current_dir(dir.path())
+            .stdout(full.unwrap())
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(
+            said.contains("error: cannot write to standard output: ")
+                && said.trim_end().ends_with("; free some space"),
+            "{arguments:?}: {said}"
+        );
+    }
+    // The table itself has been written by then.
+    assert!(dir.path().join("rows/ablation.json").is_file());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_reader_that_has_gone_is_no_error() {
+    for arguments in [&["devices"][..], &["completions", "bash"], &["man"]] {
+        // The end to be read from is closed at once.
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let output = Command::new(env!("CARGO_BIN_EXE_sos"))
+            .args(arguments)
+            .stdout(writer)
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
+    }
+}
+
 #[test]
 fn every_command_with_a_result_prints_one_object() {
     let dir = tempfile::tempdir().unwrap();
