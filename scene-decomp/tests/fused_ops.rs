@@ -475,7 +475,7 @@ fn a_density_has_a_gradient_for_whoever_asks() {
 #[test]
 #[should_panic(expected = "the gradient does not fit the layout")]
 fn a_gradient_of_another_layout_is_refused() {
-    let device = Device::flex();
+    let device = Device::flex().autodiff();
     let (surface, layout) = (surface(&device), GridLayout::new(&config().grid));
     let larger = GridConfig {
         log2_table_size: 11,

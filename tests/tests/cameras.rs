@@ -27,12 +27,8 @@ fn config(refinement: &str, steps: u32) -> TrainConfig {
     config
 }
 
-/// The small demo scene, prepared with each camera turned by what `degrees` has for its number about an axis of its own, and
-/// its true poses.
-fn scene_with_errors(
-    config: &TrainConfig,
-    degrees: impl Fn(usize) -> f64,
-) -> (Prepared, Vec<Pose>) {
+/// The small demo scene, prepared with each camera turned by `degrees` about an axis of its own, and its true poses.
+fn scene_with_errors(config: &TrainConfig, degrees: f64) -> (Prepared, Vec<Pose>) {
     let folder = tempfile::tempdir().unwrap();
     let sized = DemoConfig {
         views: 16,
@@ -49,7 +45,7 @@ fn scene_with_errors(
     for (i, view) in views.iter_mut().enumerate() {
         let (sine, cosine) = (2.4 * i as f64).sin_cos();
         let axis = DVec3::new(cosine, sine, 0.0);
-        let turn = DQuat::from_axis_angle(axis, degrees(i).to_radians());
+        let turn = DQuat::from_axis_angle(axis, degrees.to_radians());
         let old = view.camera_from_world;
         view.camera_from_world = Pose {
             rotation: turn * old.rotation,
@@ -61,27 +57,21 @@ fn scene_with_errors(
     (data, truth)
 }
 
-/// By how many pixels each camera sees the box's centre elsewhere than it should.
-fn errors(data: &Prepared, truth: &[Pose]) -> Vec<f64> {
-    let both = data.views.iter().zip(truth);
-    both.map(|(view, truth)| {
+/// By how many pixels the box's centre is seen elsewhere than it should be: the mean.
+fn error(data: &Prepared, truth: &[Pose]) -> f64 {
+    let errors = data.views.iter().zip(truth).map(|(view, truth)| {
         let (seen, _) = view.project(data.frame.centre).unwrap();
         let place = truth.transform_point(data.frame.centre);
         let right = view.lens.0.project(place).unwrap();
         seen.as_dvec2().distance(right)
-    })
-    .collect()
-}
-
-/// The mean of [`errors`].
-fn error(data: &Prepared, truth: &[Pose]) -> f64 {
-    errors(data, truth).iter().sum::<f64>() / truth.len() as f64
+    });
+    errors.sum::<f64>() / truth.len() as f64
 }
 
 #[test]
 fn cameras_that_are_off_are_put_right_and_a_checkpoint_knows_where() {
     let config = config("always", 1000);
-    let (mut data, truth) = scene_with_errors(&config, |_| 0.6);
+    let (mut data, truth) = scene_with_errors(&config, 0.6);
     let before = error(&data, &truth);
     let mut trainer = Trainer::new(&config, &data).unwrap();
     let mut notes = Vec::new();
@@ -97,7 +87,7 @@ fn cameras_that_are_off_are_put_right_and_a_checkpoint_knows_where() {
     let folder = tempfile::tempdir().unwrap();
     let run = RunFolder::create(&folder.path().join("run"), Existing::Keep).unwrap();
     trainer.save(&run, 0.0).unwrap();
-    let (mut anew, _) = scene_with_errors(&config, |_| 0.6);
+    let (mut anew, _) = scene_with_errors(&config, 0.6);
     let mut resumed = Trainer::new(&config, &anew).unwrap();
     resumed.load(&run).unwrap();
     resumed.place_cameras(&mut anew);
@@ -110,36 +100,9 @@ fn cameras_that_are_off_are_put_right_and_a_checkpoint_knows_where() {
 }
 
 #[test]
-fn one_camera_that_is_off_is_put_right_by_itself() {
-    let config = config("auto", 1000);
-    let turned = |i: usize| if i == 5 { 1.5 } else { 0.0 };
-    let (mut data, truth) = scene_with_errors(&config, turned);
-    let before = errors(&data, &truth);
-    let mut trainer = Trainer::new(&config, &data).unwrap();
-    let mut notes = Vec::new();
-    while trainer.step_number() < 460 {
-        notes.extend(trainer.refine_cameras(&mut data).unwrap());
-        trainer.step(&data);
-    }
-    let after = errors(&data, &truth);
-    println!(
-        "{:.2} pixels before, {:.2} after; {notes:?}",
-        before[5], after[5]
-    );
-    assert!(after[5] < 0.5 * before[5], "{before:?} {after:?}");
-    for (i, after) in after.iter().enumerate().filter(|(i, _)| *i != 5) {
-        assert!(*after < 1e-3, "{i}: {after}");
-    }
-    assert!(
-        notes.len() == 1 && notes[0].contains("1 of 16"),
-        "{notes:?}"
-    );
-}
-
-#[test]
 fn cameras_that_are_right_stay_where_they_are() {
     let config = config("auto", 400);
-    let (mut data, truth) = scene_with_errors(&config, |_| 0.0);
+    let (mut data, truth) = scene_with_errors(&config, 0.0);
     let mut trainer = Trainer::new(&config, &data).unwrap();
     while trainer.step_number() < 110 {
         assert_eq!(trainer.refine_cameras(&mut data).unwrap(), None);
