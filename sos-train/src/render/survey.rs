@@ -22,12 +22,18 @@ const COLOUR_TOLERANCE: f32 = 0.12;
 /// and as much again for points between those that asked.
 const AROUND: usize = 3;
 
+/// The cells of a view's coarse raster.
+#[derive(Clone, Copy, Debug)]
+struct Cells {
+    width: usize,
+    height: usize,
+}
+
 /// One view's matte and background depth on a coarse raster.
 #[derive(Clone, Debug)]
 struct CoarseView {
     world_from_camera: Affine3A,
-    width: usize,
-    height: usize,
+    cells: Cells,
     matte: Vec<f32>,
     /// Distance along the ray, normalised frame; 0 where nothing was met or nobody looked.
     distance: Vec<f32>,
@@ -37,10 +43,21 @@ struct CoarseView {
     ignored: Vec<bool>,
 }
 
+/// How far one view looks.
+#[derive(Clone, Debug)]
+struct Sight {
+    /// Of the camera, normalised frame.
+    centre: Vec3,
+    cells: Cells,
+    /// For each cell the distance from which on a point is hidden; below zero where the object or what nobody looked at is
+    /// next to it.
+    farthest: Vec<f32>,
+}
+
 /// What all views saw.
 #[derive(Clone, Debug)]
 pub struct Survey {
-    views: Vec<CoarseView>,
+    views: Vec<Sight>,
 }
 
 impl Survey {
@@ -59,7 +76,7 @@ impl Survey {
             let threshold = (255.0 * scene.config.prepare.hull_threshold) as u8;
             let likely =
                 |cell: &usize| coarse.ignored[*cell] || silhouette.as_raw()[*cell] >= threshold;
-            let cells = coarse.around((0..coarse.cells()).filter(likely));
+            let cells = coarse.undrawn_around((0..coarse.cells.count()).filter(likely));
             coarse.render(scene, view, &cells);
             behind.extend(coarse.behind_the_object(view));
         }
@@ -71,12 +88,15 @@ impl Survey {
                     view.project(world).map(|(pixel, _)| pixel)
                 })
                 .collect();
-            let seen = pixels.into_iter().map(|pixel| coarse.cell_of(pixel));
-            let cells = coarse.around(seen);
+            let grid = coarse.cells;
+            let seen = pixels.into_iter().map(|pixel| grid.at(pixel));
+            let cells = coarse.undrawn_around(seen);
             coarse.render(scene, view, &cells);
             done();
         }
-        Self { views }
+        Self {
+            views: views.iter().map(CoarseView::sight).collect(),
+        }
     }
 
     /// How many views saw the point that `ray` meets at `distance`, with the object not before it, in
@@ -92,9 +112,9 @@ impl Survey {
             .views
             .iter()
             .zip(&self.views)
-            .filter(|(view, coarse)| {
+            .filter(|(view, sight)| {
                 view.project(world).is_some_and(|(pixel, _)| {
-                    coarse.shows(point, pixel)
+                    sight.reaches(point, pixel)
                         && !view.ignores(pixel.x as u32, pixel.y as u32)
                         && agrees(&view.photo, pixel, colour)
                 })
@@ -105,14 +125,15 @@ impl Survey {
 }
 
 /// For each cell whether a pixel in it is ignored.
-fn ignored_cells(view: &TrainView, width: usize, height: usize) -> Vec<bool> {
-    let mut cells = vec![false; width * height];
+fn ignored_cells(view: &TrainView, cells: Cells) -> Vec<bool> {
+    let mut ignored = vec![false; cells.count()];
     if view.ignored.is_some() {
         for (y, x) in (0..view.height()).flat_map(|y| (0..view.width()).map(move |x| (y, x))) {
-            cells[(y / STRIDE) as usize * width + (x / STRIDE) as usize] |= view.ignores(x, y);
+            let cell = (y / STRIDE) as usize * cells.width + (x / STRIDE) as usize;
+            ignored[cell] |= view.ignores(x, y);
         }
     }
-    cells
+    ignored
 }
 
 /// Whether a photo has this colour at a pixel or next to it.
@@ -126,47 +147,69 @@ fn agrees(photo: &Photo, pixel: Vec2, colour: Vec3) -> bool {
     })
 }
 
-impl CoarseView {
-    /// Nothing drawn yet.
-    fn new(view: &TrainView, data: &Prepared) -> Self {
-        let width = view.width().div_ceil(STRIDE) as usize;
-        let height = view.height().div_ceil(STRIDE) as usize;
+impl Cells {
+    fn of(view: &TrainView) -> Self {
         Self {
-            world_from_camera: view.world_from_camera(&data.frame),
-            width,
-            height,
-            matte: vec![1.0; width * height],
-            distance: vec![0.0; width * height],
-            drawn: vec![false; width * height],
-            ignored: ignored_cells(view, width, height),
+            width: view.width().div_ceil(STRIDE) as usize,
+            height: view.height().div_ceil(STRIDE) as usize,
         }
     }
 
-    fn cells(&self) -> usize {
+    fn count(self) -> usize {
         self.width * self.height
     }
 
-    fn cell_of(&self, pixel: Vec2) -> usize {
+    fn at(self, pixel: Vec2) -> usize {
         let x = ((pixel.x / STRIDE as f32) as usize).min(self.width - 1);
         let y = ((pixel.y / STRIDE as f32) as usize).min(self.height - 1);
         y * self.width + x
     }
 
+    /// A cell and those next to it.
+    fn around(self, cell: usize) -> impl Iterator<Item = usize> {
+        let (x, y) = (cell % self.width, cell / self.width);
+        let columns = x.saturating_sub(1)..(x + 2).min(self.width);
+        let rows = y.saturating_sub(1)..(y + 2).min(self.height);
+        rows.flat_map(move |y| columns.clone().map(move |x| y * self.width + x))
+    }
+}
+
+impl Sight {
+    /// Whether the view shows `point`, which is at `pixel` of it.
+    fn reaches(&self, point: Vec3, pixel: Vec2) -> bool {
+        point.distance(self.centre) <= self.farthest[self.cells.at(pixel)]
+    }
+}
+
+impl CoarseView {
+    /// Nothing drawn yet.
+    fn new(view: &TrainView, data: &Prepared) -> Self {
+        let cells = Cells::of(view);
+        Self {
+            world_from_camera: view.world_from_camera(&data.frame),
+            cells,
+            matte: vec![1.0; cells.count()],
+            distance: vec![0.0; cells.count()],
+            drawn: vec![false; cells.count()],
+            ignored: ignored_cells(view, cells),
+        }
+    }
+
     /// The ray through a cell's middle.
     fn ray(&self, view: &TrainView, cell: usize) -> Option<Ray> {
-        let (x, y) = (cell % self.width, cell / self.width);
+        let (x, y) = (cell % self.cells.width, cell / self.cells.width);
         let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) * STRIDE as f32;
         view.ray(&self.world_from_camera, pixel)
     }
 
     /// For each cell whether it lies within `reach` of one of `cells`, along both axes.
     fn within(&self, cells: impl Iterator<Item = usize>, reach: usize) -> Vec<bool> {
-        let mut near = vec![false; self.cells()];
+        let mut near = vec![false; self.cells.count()];
         for cell in cells {
-            let (x, y) = (cell % self.width, cell / self.width);
-            for y in y.saturating_sub(reach)..(y + reach + 1).min(self.height) {
-                let row = y * self.width;
-                let end = (x + reach + 1).min(self.width);
+            let (x, y) = (cell % self.cells.width, cell / self.cells.width);
+            for y in y.saturating_sub(reach)..(y + reach + 1).min(self.cells.height) {
+                let row = y * self.cells.width;
+                let end = (x + reach + 1).min(self.cells.width);
                 near[row + x.saturating_sub(reach)..row + end].fill(true);
             }
         }
@@ -174,12 +217,12 @@ impl CoarseView {
     }
 
     /// The cells around `cells`, which may be named more than once, that are not drawn yet.
-    fn around(&self, cells: impl Iterator<Item = usize>) -> Vec<usize> {
+    fn undrawn_around(&self, cells: impl Iterator<Item = usize>) -> Vec<usize> {
         // Of 200 large photos there are tens of millions, a thousand for each cell.
-        let mut asked = vec![false; self.cells()];
+        let mut asked = vec![false; self.cells.count()];
         cells.for_each(|cell| asked[cell] = true);
         let near = self.within((0..asked.len()).filter(|&cell| asked[cell]), AROUND);
-        (0..self.cells())
+        (0..self.cells.count())
             .filter(|&cell| near[cell] && !self.drawn[cell])
             .collect()
     }
@@ -202,29 +245,30 @@ impl CoarseView {
     /// What of the background lies behind the object and close by its outline, or where the photo is not to be shown.
     fn behind_the_object(&self, view: &TrainView) -> Vec<Vec3> {
         let object = |&i: &usize| self.ignored[i] || (self.drawn[i] && self.matte[i] > 0.0);
-        let near = self.within((0..self.cells()).filter(object), 1);
-        (0..self.cells())
+        let near = self.within((0..self.cells.count()).filter(object), 1);
+        (0..self.cells.count())
             .filter(|&cell| near[cell] && self.distance[cell] > 0.0)
             .filter_map(|cell| Some(self.ray(view, cell)?.at(self.distance[cell])))
             .collect()
     }
 
-    fn shows(&self, point: Vec3, pixel: Vec2) -> bool {
-        let cell = self.cell_of(pixel);
-        let (x, y) = (cell % self.width, cell / self.width);
-        let away = point.distance(self.world_from_camera.translation.into());
-        // The neighbourhood's median depth: single rays slip through a porous surface.
-        let mut depths = Vec::with_capacity(9);
-        let mut hidden = false;
-        for y in y.saturating_sub(1)..(y + 2).min(self.height) {
-            for x in x.saturating_sub(1)..(x + 2).min(self.width) {
-                depths.push(self.distance[y * self.width + x]);
-                // So close to the outline the raster can't tell which side.
-                hidden |= self.matte[y * self.width + x] > HIDDEN;
+    /// How far it looks, once all is drawn that is asked for.
+    fn sight(&self) -> Sight {
+        let farthest = |cell: usize| {
+            // So close to the outline the raster can't tell which side.
+            if self.cells.around(cell).any(|i| self.matte[i] > HIDDEN) {
+                return f32::NEG_INFINITY;
             }
+            // The neighbourhood's median depth: single rays slip through a porous surface.
+            let mut depths: Vec<f32> = self.cells.around(cell).map(|i| self.distance[i]).collect();
+            depths.sort_by(f32::total_cmp);
+            depths[depths.len() / 2] * (1.0 + DEPTH_TOLERANCE)
+        };
+        let cells = (0..self.cells.count()).into_par_iter();
+        Sight {
+            centre: self.world_from_camera.translation.into(),
+            cells: self.cells,
+            farthest: cells.map(farthest).collect(),
         }
-        depths.sort_by(f32::total_cmp);
-        let depth = depths[depths.len() / 2];
-        !hidden && away <= depth * (1.0 + DEPTH_TOLERANCE)
     }
 }
