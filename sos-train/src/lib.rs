@@ -70,6 +70,7 @@ pub mod report;
 pub mod results;
 pub mod run_folder;
 mod snap;
+mod squares;
 pub mod train;
 mod voxels;
 mod words;

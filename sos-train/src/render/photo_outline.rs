@@ -4,12 +4,12 @@
 //! by a few pixels where it shows plainly that it lies elsewhere ([`snap`](crate::snap)); there the matte's soft edge is made
 //! anew.
 
-use image::{Rgb, RgbImage};
+use image::RgbImage;
 
 use crate::grown::grown;
 use crate::prepare::TrainView;
-use crate::prepare::pixels::Photo;
 use crate::snap::{self, snap};
+use crate::squares::Squares;
 
 /// How far around what has moved the matte's edge is made anew, along both axes, as a share of how far it may move: what is left of the old
 /// edge, which may be soft, would be a thin line beside the new one.
@@ -22,7 +22,7 @@ const REACH: f32 = 0.75;
 /// soft as a square there.
 pub(super) fn follow_photo(view: &TrainView, alpha: &mut [f32]) {
     let (width, height) = (view.width(), view.height());
-    let squares = Squares::new(width, height);
+    let squares = Squares::new(width, height, snap::LONGEST);
     let coverage = squares.means(alpha);
     let inside: Vec<bool> = coverage.iter().map(|coverage| *coverage > 0.5).collect();
     let (columns, rows) = (squares.columns, squares.rows);
@@ -67,113 +67,6 @@ pub(super) fn follow_photo(view: &TrainView, alpha: &mut [f32]) {
         if near[squares.of(x, y)] {
             *alpha = squares.between(&edge, x, y);
         }
-    }
-}
-
-/// A rectangle of squares.
-struct Part {
-    x: u32,
-    y: u32,
-    width: u32,
-    height: u32,
-}
-
-impl Part {
-    /// Columns and rows, row by row.
-    fn places(&self) -> impl Iterator<Item = (u32, u32)> {
-        let (x0, width) = (self.x, self.width);
-        (self.y..self.y + self.height).flat_map(move |y| (x0..x0 + width).map(move |x| (x, y)))
-    }
-}
-
-/// Squares of a picture's pixels.
-struct Squares {
-    side: u32,
-    width: u32,
-    columns: u32,
-    rows: u32,
-}
-
-impl Squares {
-    fn new(width: u32, height: u32) -> Self {
-        let side = width.max(height).div_ceil(snap::LONGEST).max(1);
-        Self {
-            side,
-            width,
-            columns: width.div_ceil(side),
-            rows: height.div_ceil(side),
-        }
-    }
-
-    /// The square that holds a pixel.
-    fn of(&self, x: u32, y: u32) -> usize {
-        (y / self.side * self.columns + x / self.side) as usize
-    }
-
-    /// What lies within `margin` of the squares that are `inside`; `None` where none is.
-    fn around(&self, inside: &[bool], margin: u32) -> Option<Part> {
-        let all = (0..).zip(inside).filter(|(_, inside)| **inside);
-        let places = all.map(|(i, _): (u32, _)| (i % self.columns, i / self.columns));
-        let [x0, y0, x1, y1] = places.fold([u32::MAX, u32::MAX, 0, 0], |all, (x, y)| {
-            [all[0].min(x), all[1].min(y), all[2].max(x), all[3].max(y)]
-        });
-        let part = |first: u32, last: u32, count: u32| {
-            let first = first.saturating_sub(margin);
-            (first, (last + margin + 1).min(count) - first)
-        };
-        (x0 <= x1).then(|| {
-            let ((x, width), (y, height)) = (part(x0, x1, self.columns), part(y0, y1, self.rows));
-            Part {
-                x,
-                y,
-                width,
-                height,
-            }
-        })
-    }
-
-    /// The mean colour of a square.
-    fn colour(&self, photo: &Photo, column: u32, row: u32) -> Rgb<u8> {
-        let span = |first: u32, end: u32| first * self.side..((first + 1) * self.side).min(end);
-        let (mut sums, mut count) = ([0u32; 3], 0);
-        for y in span(row, photo.height()) {
-            for x in span(column, photo.width()) {
-                for (sum, value) in sums.iter_mut().zip(photo.get_pixel(x, y).0) {
-                    *sum += u32::from(value);
-                }
-                count += 1;
-            }
-        }
-        Rgb(sums.map(|sum| (sum / count.max(1)) as u8))
-    }
-
-    /// The mean value of each square.
-    fn means(&self, values: &[f32]) -> Vec<f32> {
-        let mut sums = vec![(0.0f32, 0u32); (self.columns * self.rows) as usize];
-        for (i, value) in (0..).zip(values) {
-            let sum = &mut sums[self.of(i % self.width, i / self.width)];
-            sum.0 += value;
-            sum.1 += 1;
-        }
-        sums.into_iter()
-            .map(|(sum, n)| sum / n.max(1) as f32)
-            .collect()
-    }
-
-    /// The value at a pixel's centre, between those of the squares' centres.
-    fn between(&self, values: &[f32], x: u32, y: u32) -> f32 {
-        let along = |pixel: u32, count: u32| {
-            let at = (pixel as f32 + 0.5) / self.side as f32 - 0.5;
-            let at = at.clamp(0.0, (count - 1) as f32);
-            let first = at as u32;
-            (first, (first + 1).min(count - 1), at - first as f32)
-        };
-        let ((x0, x1, tx), (y0, y1, ty)) = (along(x, self.columns), along(y, self.rows));
-        let row = |y: u32| {
-            let at = |x: u32| values[(y * self.columns + x) as usize];
-            at(x0) + tx * (at(x1) - at(x0))
-        };
-        row(y0) + ty * (row(y1) - row(y0))
     }
 }
 

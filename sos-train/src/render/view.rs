@@ -12,6 +12,8 @@ use super::survey::Survey;
 use crate::export::ViewRender;
 use crate::grown::grown;
 use crate::prepare::{Prepared, outline};
+use crate::snap;
+use crate::squares::Squares;
 
 /// Mattes that differ by more than this from a neighbour's make an edge.
 const EDGE: f32 = 0.05;
@@ -19,9 +21,9 @@ const EDGE: f32 = 0.05;
 const LEAST_ALPHA: f32 = 1e-3;
 /// Opacities of the object below this say little about its colour.
 const LEAST_OPACITY: f32 = 0.02;
-/// How far away its colour is looked for then, in pixels.
-const COLOUR_REACH: i32 = 4;
-/// How far around the object the plate is taken from BaCo instead of the photo, in pixels.
+/// How far away its colour is looked for then, in [`Squares`].
+const COLOUR_REACH: u32 = 4;
+/// How far around the object the plate is taken from BaCo instead of the photo, in [`Squares`].
 const PLATE_REACH: i32 = 3;
 /// Views that must have seen what the object hides for plates to show it as it was learnt: fewer may all be wrong.
 const LEAST_SEEN: u8 = 3;
@@ -88,7 +90,10 @@ pub fn render_view(
     let visible: Vec<bool> = (0..width * height)
         .map(|i| alpha[i as usize] > LEAST_ALPHA || ignored(i))
         .collect();
-    let wanted = grown(&visible, width as usize, PLATE_REACH as usize);
+    let squares = Squares::new(width, height, snap::LONGEST);
+    // Up to one square more on either side, of those that a pixel lies between.
+    let margin = PLATE_REACH as u32 * squares.side + 2 * (squares.side - 1);
+    let wanted = grown(&visible, width as usize, margin as usize);
     let (mut hits, mut rays) = (vec![NO_RAY; pixels], Vec::new());
     for i in (0..width * height).filter(|&i| wanted[i as usize]) {
         if let Some(ray) = view.ray(&world_from_camera, centre(i, width)) {
@@ -98,7 +103,7 @@ pub fn render_view(
     }
     let rendered = scene.render(&rays);
 
-    let reach = reach_of(&alpha, width, height);
+    let reach = reach_of(&alpha, &squares);
     let mut out = ViewRender {
         name: view.name.clone(),
         width,
@@ -149,7 +154,14 @@ pub fn render_view(
             photo.to_array()
         };
         let own = object_colour(i)
-            .or_else(|| mean_around(&object_colour, i, width, height))
+            .or_else(|| {
+                mean_around(
+                    &object_colour,
+                    i,
+                    (width, height),
+                    COLOUR_REACH * squares.side,
+                )
+            })
             .unwrap_or(photo);
         let own = if ignored(i as u32) {
             // The photo shows what is not to be learned from.
@@ -186,19 +198,20 @@ fn photo_colour(raw: &[u8], i: usize) -> Vec3 {
     Vec3::new(f32::from(c[0]), f32::from(c[1]), f32::from(c[2])) / 255.0
 }
 
-/// The mean of colours that are known close to pixel `i`, nearer ones counting more; `None` where there are none.
+/// The mean of colours that are known within `reach` pixels of pixel `i`, nearer ones counting more; `None` where there are
+/// none.
 fn mean_around(
     colour: &dyn Fn(usize) -> Option<Vec3>,
     i: usize,
-    width: u32,
-    height: u32,
+    (width, height): (u32, u32),
+    reach: u32,
 ) -> Option<Vec3> {
-    let (x, y) = (i as i32 % width as i32, i as i32 / width as i32);
+    let (x, y) = (i as u32 % width, i as u32 / width);
     let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
-    for v in (y - COLOUR_REACH).max(0)..=(y + COLOUR_REACH).min(height as i32 - 1) {
-        for u in (x - COLOUR_REACH).max(0)..=(x + COLOUR_REACH).min(width as i32 - 1) {
-            if let Some(colour) = colour((v * width as i32 + u) as usize) {
-                let weight = 1.0 / ((u - x).pow(2) + (v - y).pow(2)).max(1) as f32;
+    for v in y.saturating_sub(reach)..=(y + reach).min(height - 1) {
+        for u in x.saturating_sub(reach)..=(x + reach).min(width - 1) {
+            if let Some(colour) = colour((v * width + u) as usize) {
+                let weight = 1.0 / (u.abs_diff(x).pow(2) + v.abs_diff(y).pow(2)).max(1) as f32;
                 sum += weight * colour;
                 weights += weight;
             }
@@ -290,13 +303,14 @@ fn supersample(
     }
 }
 
-/// How much of the plate comes from BaCo: 1 on the object and a pixel around, fading out beyond.
-fn reach_of(alpha: &[f32], width: u32, height: u32) -> Vec<f32> {
-    let (w, h) = (width as i32, height as i32);
-    let mut reach = vec![0.0f32; alpha.len()];
+/// How much of the plate comes from BaCo, for each pixel: 1 on the object and a square around, fading out beyond.
+fn reach_of(alpha: &[f32], squares: &Squares) -> Vec<f32> {
+    let (w, h) = (squares.columns as i32, squares.rows as i32);
+    let alphas = squares.largest(alpha);
+    let mut reach = vec![0.0f32; alphas.len()];
     for y in 0..h {
         for x in 0..w {
-            let a = alpha[(y * w + x) as usize];
+            let a = alphas[(y * w + x) as usize];
             if a <= 0.02 {
                 continue;
             }
@@ -316,5 +330,5 @@ fn reach_of(alpha: &[f32], width: u32, height: u32) -> Vec<f32> {
             }
         }
     }
-    reach
+    squares.spread(&reach)
 }
