@@ -124,6 +124,7 @@ fn default() -> TrainConfig {
             box_margin: 0.15,
             fit_masks: true,
             find_openings: true,
+            find_leaks: true,
         },
         export: ExportConfig {
             edge_rays: 8,
@@ -227,6 +228,7 @@ fn paper() -> TrainConfig {
             refine_cameras: CameraRefinement::Never,
             fit_masks: false,
             find_openings: false,
+            find_leaks: false,
             ..base.prepare
         },
         sampling: SamplingConfig {

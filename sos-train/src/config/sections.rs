@@ -283,6 +283,8 @@ pub struct PrepareConfig {
     pub fit_masks: bool,
     /// Where masks seem to fill in openings of the object, they have no vote.
     pub find_openings: bool,
+    /// Where masks leak into surroundings without an edge, they have no vote.
+    pub find_leaks: bool,
 }
 
 /// `[export]`: what is written, and how often.

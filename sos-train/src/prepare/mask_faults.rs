@@ -17,6 +17,9 @@ pub struct MaskFaults {
     pub shifts: Vec<f32>,
     /// Pixels of each view's mask that show what lies behind the object, through an opening.
     pub openings: Vec<PixelSpans>,
+    /// Pixels of each view's mask that it leaks into, over what has no edge.
+    #[serde(default)]
+    pub leaks: Vec<PixelSpans>,
     /// Pixels of each view on which the photo shows the object, as its colours say, though something hid it.
     #[serde(default)]
     pub alike: Vec<PixelSpans>,
@@ -41,7 +44,7 @@ impl MaskFaults {
 
 impl Prepared {
     /// Moves the outline of each view's given mask to where it belongs, has the masks vote on space and label the pixels
-    /// anew, takes the vote from those in openings, and notes which have the object's colours. The box stays.
+    /// anew, takes the vote from those in openings and leaks, and notes which have the object's colours. The box stays.
     ///
     /// # Errors
     /// [`PrepareError::Store`] when there is no room for the masks; all stays as it was.
@@ -54,8 +57,10 @@ impl Prepared {
         if faults.shifts.iter().any(|shift| *shift != 0.0) || !self.masks_are_given() {
             self.shift_masks(faults, config, ignore_band)?;
         }
-        for (outline, opening) in self.outlines.iter_mut().zip(&faults.openings) {
-            outline.silence(opening);
+        for silent in [&faults.openings, &faults.leaks] {
+            for (outline, pixels) in self.outlines.iter_mut().zip(silent) {
+                outline.silence(pixels);
+            }
         }
         for (outline, alike) in self.outlines.iter_mut().zip(&faults.alike) {
             outline.mark_alike(alike);

@@ -11,6 +11,7 @@ pub mod crumbs;
 pub mod depth;
 pub mod fit;
 pub mod fusion;
+mod leaks;
 pub mod mask_fit;
 pub mod openings;
 
@@ -47,7 +48,7 @@ impl Trainer {
     /// [`PrepareError::Store`] when there is no room for the masks.
     pub fn correct_masks(&mut self, data: &mut Prepared) -> Result<Vec<String>, PrepareError> {
         let config = self.config().prepare.clone();
-        let asked = config.fit_masks || config.find_openings;
+        let asked = config.fit_masks || config.find_openings || config.find_leaks;
         if !asked || !self.is_carving_due() {
             return Ok(Vec::new());
         }
@@ -56,8 +57,15 @@ impl Trainer {
         if config.fit_masks {
             notes.extend(self.fit_masks(&scene, data)?);
         }
+        let silenced = notes.len();
         if config.find_openings {
             notes.extend(self.find_openings(&scene, data));
+        }
+        if config.find_leaks {
+            notes.extend(self.find_leaks(data));
+        }
+        if notes.len() > silenced {
+            self.vote_anew(&scene, data);
         }
         Ok(notes)
     }

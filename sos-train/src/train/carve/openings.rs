@@ -42,7 +42,6 @@ impl Trainer {
         if open == 0 {
             return None;
         }
-        self.vote_anew(scene, data);
         Some(format!(
             "{open} of {} masks seem to fill in openings, {:.1} % of what they cover: what shows there has no vote",
             data.views.iter().filter(|view| view.mask.is_some()).count(),
@@ -52,7 +51,7 @@ impl Trainer {
 }
 
 /// Pixels of all masks.
-fn covered(data: &Prepared) -> usize {
+pub(super) fn covered(data: &Prepared) -> usize {
     let masks = data.views.iter().filter_map(|view| view.mask.as_ref());
     masks.map(Mask::area).sum()
 }
