@@ -48,6 +48,7 @@
 
 pub mod ablation;
 pub mod audit;
+mod cells;
 pub mod cli;
 pub mod config;
 pub mod device;
@@ -57,7 +58,6 @@ mod distance;
 pub mod doctor;
 pub mod error;
 pub mod export;
-mod grown;
 pub mod job;
 pub mod live;
 mod mean;

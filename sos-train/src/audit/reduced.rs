@@ -1,6 +1,7 @@
 //! A view at the size at which views are compared: few enough pixels that all of them fit into memory.
 
 use super::depth::read_depth;
+use crate::cells::around;
 use crate::report::{ReportError, open_picture};
 use crate::run_folder::{RunFolder, view_file};
 use glam::{DVec2, DVec3};
@@ -167,10 +168,7 @@ impl ReducedView {
 
     /// The cell and its up to eight neighbours.
     pub(super) fn around(&self, cell: usize) -> impl Iterator<Item = usize> {
-        let (x, y, width) = (cell % self.width, cell / self.width, self.width);
-        let columns = x.saturating_sub(1)..(x + 2).min(width);
-        (y.saturating_sub(1)..(y + 2).min(self.height))
-            .flat_map(move |y| columns.clone().map(move |x| y * width + x))
+        around(cell, self.width, self.width * self.height)
     }
 }
 

@@ -1,7 +1,7 @@
 //! From photos and rough masks to what training needs: box, probability map, labels.
 
 #[cfg(test)]
-mod balls;
+pub(crate) mod balls;
 mod clearance;
 mod consensus;
 mod depth_range;

@@ -6,7 +6,7 @@
 
 use image::RgbImage;
 
-use crate::grown::grown;
+use crate::cells::grown;
 use crate::prepare::TrainView;
 use crate::snap::{self, snap};
 use crate::squares::Squares;

@@ -6,6 +6,7 @@ use neus_render::rays::Ray;
 use rayon::prelude::*;
 
 use super::rays::FrozenScene;
+use crate::cells::around;
 use crate::prepare::{Prepared, TrainView, outline};
 
 /// Pixels between the rays of the survey.
@@ -167,10 +168,7 @@ impl Cells {
 
     /// A cell and those next to it.
     fn around(self, cell: usize) -> impl Iterator<Item = usize> {
-        let (x, y) = (cell % self.width, cell / self.width);
-        let columns = x.saturating_sub(1)..(x + 2).min(self.width);
-        let rows = y.saturating_sub(1)..(y + 2).min(self.height);
-        rows.flat_map(move |y| columns.clone().map(move |x| y * self.width + x))
+        around(cell, self.width, self.count())
     }
 }
 

@@ -3,7 +3,7 @@
 use image::RgbImage;
 use rayon::prelude::*;
 
-use crate::grown::grown;
+use crate::cells::grown;
 
 /// Side of a square cell, in bands: a pixel's colour is compared with those in its own cell and the eight around it.
 pub(super) const CELL: f32 = 2.4;

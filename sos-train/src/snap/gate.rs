@@ -3,6 +3,7 @@
 use image::RgbImage;
 
 use super::edges::edge_strength;
+use crate::cells::{around, neighbours};
 use crate::mean::Mean;
 
 /// How many times as much the photo has to change along the new outline as along the old.
@@ -12,24 +13,10 @@ const BETTER: f32 = 2.0;
 /// bears out. Lists are row-major.
 pub(super) fn borne_out(photo: &RgbImage, old: &[bool], new: &[bool]) -> Vec<bool> {
     let (width, height) = (photo.width() as usize, photo.height() as usize);
-    let around = |i: usize| {
-        let (x, y) = (i % width, i / width);
-        let rows = y.saturating_sub(1)..(y + 2).min(height);
-        rows.flat_map(move |y| {
-            let columns = x.saturating_sub(1)..(x + 2).min(width);
-            columns.map(move |x| y * width + x)
-        })
-    };
     // Pixels with one of the other side among their four neighbours.
     let on_outline = |sides: &[bool], i: usize| {
-        let (x, y) = (i % width, i / width);
-        let near = [
-            (x > 0).then(|| i - 1),
-            (x + 1 < width).then(|| i + 1),
-            (y > 0).then(|| i - width),
-            (y + 1 < height).then(|| i + width),
-        ];
-        near.into_iter().flatten().any(|j| sides[j] != sides[i])
+        let mut near = neighbours(i, width, sides.len()).flatten();
+        near.any(|j| sides[j] != sides[i])
     };
     let strength = |i: usize| {
         let (x, y) = (i % width, i / width);
@@ -50,7 +37,7 @@ pub(super) fn borne_out(photo: &RgbImage, old: &[bool], new: &[bool]) -> Vec<boo
         let mut next = 0;
         while let Some(&i) = piece.get(next) {
             next += 1;
-            for j in around(i) {
+            for j in around(i, width, old.len()) {
                 if old[j] != new[j] && piece_of[j] == 0 {
                     piece_of[j] = number;
                     piece.push(j);
@@ -58,7 +45,7 @@ pub(super) fn borne_out(photo: &RgbImage, old: &[bool], new: &[bool]) -> Vec<boo
             }
         }
         let (mut before, mut after) = (Mean::default(), Mean::default());
-        for j in piece.iter().flat_map(|&i| around(i)) {
+        for j in piece.iter().flat_map(|&i| around(i, width, old.len())) {
             if seen_by[j] == number {
                 continue;
             }

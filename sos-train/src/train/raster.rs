@@ -1,5 +1,6 @@
 //! Squares of a photo's pixels, of which the middle is looked at for all.
 
+use crate::cells::neighbours;
 use crate::prepare::TrainView;
 use crate::prepare::spans::PixelSpans;
 
@@ -64,22 +65,6 @@ impl Raster {
         }
         pixels
     }
-}
-
-/// The points to the left, right, above and below of one in a raster of `len` points; `None` beyond its end.
-pub(super) fn neighbours(
-    i: usize,
-    width: usize,
-    len: usize,
-) -> impl Iterator<Item = Option<usize>> {
-    let column = i % width;
-    [
-        (column > 0).then(|| i - 1),
-        (column + 1 < width).then_some(i + 1),
-        i.checked_sub(width),
-        (i + width < len).then_some(i + width),
-    ]
-    .into_iter()
 }
 
 #[cfg(test)]

@@ -4,17 +4,18 @@
 //! mask takes only a small part is cut by it where nothing is to be seen, so that this part is no witness. Only where the
 //! masks of the other views have the object there as well is it one: what looks like the ground beside it.
 
-use std::collections::VecDeque;
-
 use rayon::prelude::*;
+use scene_decomp::probability::ProbabilityMap;
 
-use super::openings::covered;
-use crate::grown::grown;
+use super::silence;
+use crate::cells::{around, grown, pieces};
+use crate::prepare::frame::Frame;
 use crate::prepare::mask::Mask;
 use crate::prepare::spans::PixelSpans;
 use crate::prepare::{Prepared, TrainView, outline};
 use crate::squares::Squares;
 use crate::train::Trainer;
+use crate::train::raster::Raster;
 
 /// Squares along a photo's longer side: noise averages out in them.
 const LONGEST: u32 = 400;
@@ -33,19 +34,10 @@ impl Trainer {
     /// Takes the vote from pixels that masks leak into. Returns what was done, for people; `None` if nothing.
     pub(super) fn find_leaks(&mut self, data: &mut Prepared) -> Option<String> {
         self.mask_faults.leaks = leaks(data);
-        let silent = &self.mask_faults.leaks;
-        for (outline, leak) in data.outlines.iter_mut().zip(silent) {
-            outline.silence(leak);
-        }
-        let leaky = silent.iter().filter(|pixels| !pixels.is_empty()).count();
-        let pixels: usize = silent.iter().map(PixelSpans::len).sum();
-        (leaky > 0).then(|| {
-            format!(
-                "{leaky} of {} masks leak into surroundings without an edge, {:.1} % of what they cover: that has no vote",
-                data.views.iter().filter(|view| view.mask.is_some()).count(),
-                100.0 * pixels as f32 / covered(data).max(1) as f32
-            )
-        })
+        let (masks, all, percent) = silence(data, &self.mask_faults.leaks)?;
+        Some(format!(
+            "{masks} of {all} masks leak into surroundings without an edge, {percent:.1} % of what they cover: that has no vote"
+        ))
     }
 }
 
@@ -54,32 +46,32 @@ fn leaks(data: &Prepared) -> Vec<PixelSpans> {
     let views = data.views.par_iter().zip(&data.trust.0);
     views
         .map(|(view, trust)| match &view.mask {
-            Some(mask) if *trust >= 0.5 => leak(view, mask, data),
+            Some(mask) if *trust >= 0.5 => leak(view, mask, &data.frame, &data.map),
             _ => PixelSpans::default(),
         })
         .collect()
 }
 
-fn leak(view: &TrainView, mask: &Mask, data: &Prepared) -> PixelSpans {
-    let (width, height) = (view.width(), view.height());
-    let squares = Squares::new(width, height, LONGEST);
+/// The same for one view; `map` is what all masks together say.
+fn leak(view: &TrainView, mask: &Mask, frame: &Frame, map: &ProbabilityMap) -> PixelSpans {
+    let squares = Squares::new(view.width(), view.height(), LONGEST);
+    let raster = Raster::of(view, squares.side);
     let columns = squares.columns as usize;
-    let places = || (0..squares.rows).flat_map(|y| (0..squares.columns).map(move |x| (x, y)));
-    let colours: Vec<[u8; 3]> = places()
+    let colours: Vec<[u8; 3]> = (0..squares.rows)
+        .flat_map(|y| (0..squares.columns).map(move |x| (x, y)))
         .map(|(x, y)| squares.colour(&view.photo, x, y).0)
         .collect();
-    let inside: Vec<bool> = places()
-        .map(|(x, y)| {
-            let middle =
-                |square: u32, end: u32| (square * squares.side + squares.side / 2).min(end - 1);
-            mask.contains(middle(x, width), middle(y, height))
+    let inside: Vec<bool> = (0..raster.len())
+        .map(|i| {
+            let (x, y) = raster.middle(i);
+            mask.contains(x, y)
         })
         .collect();
     let parts = cut_off(&colours, &inside, columns);
     if parts.is_empty() {
         return PixelSpans::default();
     }
-    let together = outline::silhouette(view, &data.frame, &data.map, squares.side);
+    let together = outline::silhouette(view, frame, map, squares.side);
     let agreed = |part: &Vec<usize>| {
         let in_hull = |i: &&usize| f32::from(together.as_raw()[**i]) >= 255.0 * HULL;
         part.iter().filter(in_hull).count() as f32 / part.len() as f32
@@ -92,8 +84,8 @@ fn leak(view: &TrainView, mask: &Mask, data: &Prepared) -> PixelSpans {
     let leaking = grown(&leaking, columns, 1);
     let mut pixels = PixelSpans::default();
     for (x, y) in mask.pixels() {
-        if leaking[squares.of(x, y)] {
-            pixels.push(y * width + x);
+        if leaking[raster.square((x, y))] {
+            pixels.push(y * view.width() + x);
         }
     }
     pixels
@@ -101,47 +93,19 @@ fn leak(view: &TrainView, mask: &Mask, data: &Prepared) -> PixelSpans {
 
 /// The parts inside of flat zones that are mostly outside: squares by number, row-major.
 fn cut_off(colours: &[[u8; 3]], inside: &[bool], columns: usize) -> Vec<Vec<usize>> {
-    let rows = colours.len() / columns.max(1);
+    let len = colours.len();
     let alike = |a: usize, b: usize| {
-        let channels = colours[a].iter().zip(colours[b]);
-        channels.into_iter().all(|(a, b)| a.abs_diff(b) <= FLAT)
+        let channels = colours[a].iter().zip(&colours[b]);
+        channels.into_iter().all(|(a, b)| a.abs_diff(*b) <= FLAT)
     };
-    let mut flat: Vec<bool> = (0..colours.len())
-        .map(|i| {
-            let (x, y) = (i % columns, i / columns);
-            let around = (y.saturating_sub(1)..(y + 2).min(rows)).flat_map(|y| {
-                (x.saturating_sub(1)..(x + 2).min(columns)).map(move |x| y * columns + x)
-            });
-            around.into_iter().all(|j| alike(i, j))
-        })
-        .collect();
+    let flat = |i: usize| around(i, columns, len).all(|j| alike(i, j));
     let mut parts = Vec::new();
-    let mut queue = VecDeque::new();
-    for first in 0..flat.len() {
-        if !std::mem::take(&mut flat[first]) {
-            continue;
-        }
-        queue.push_back(first);
-        let mut zone = Vec::new();
-        while let Some(i) = queue.pop_front() {
-            zone.push(i);
-            let (x, y) = (i % columns, i / columns);
-            let next = [
-                (x > 0).then(|| i - 1),
-                (x + 1 < columns).then_some(i + 1),
-                (y > 0).then(|| i - columns),
-                (y + 1 < rows).then_some(i + columns),
-            ];
-            for j in next.into_iter().flatten() {
-                if std::mem::take(&mut flat[j]) {
-                    queue.push_back(j);
-                }
-            }
-        }
+    // Flat squares beside each other are alike.
+    for mut zone in pieces(len, columns, flat, |_, _| true) {
         let size = zone.len() as f32;
         zone.retain(|i| inside[*i]);
-        let small = size < SMALLEST * colours.len() as f32;
-        if !small && !zone.is_empty() && zone.len() as f32 <= CUT * size {
+        let large = size >= SMALLEST * len as f32;
+        if large && !zone.is_empty() && zone.len() as f32 <= CUT * size {
             parts.push(zone);
         }
     }
@@ -150,7 +114,10 @@ fn cut_off(colours: &[[u8; 3]], inside: &[bool], columns: usize) -> Vec<Vec<usiz
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
+    use crate::prepare::balls;
+    use glam::DVec3;
 
     /// A dark disc on a ground that is flat on its left, and textured on its right; and what a mask has of it.
     fn picture(mask: impl Fn(usize, usize) -> bool) -> (Vec<[u8; 3]>, Vec<bool>, usize) {
@@ -197,6 +164,24 @@ mod tests {
     fn a_zone_that_is_mostly_inside_is_the_objects() {
         let (colours, inside, columns) = picture(|x, _| x < 31);
         assert!(cut_off(&colours, &inside, columns).is_empty());
+    }
+
+    #[test]
+    fn what_nearly_all_masks_have_is_no_leak() {
+        // A ball in a photo that is black all over.
+        let view = balls::view(DVec3::new(0.0, 0.0, -4.0), DVec3::Z);
+        let view = balls::with_balls(view, &[(DVec3::ZERO, 0.5)]);
+        let mask = view.mask.as_ref().unwrap();
+        let frame = Frame {
+            centre: DVec3::ZERO,
+            half_side: 1.0,
+        };
+        let silent = |share: f32| {
+            let map = ProbabilityMap::new(4, vec![share; 64]);
+            leak(&view, mask, &frame, &map).len()
+        };
+        assert_eq!(silent(0.5), mask.area());
+        assert_eq!(silent(0.9), 0);
     }
 
     #[test]

@@ -22,6 +22,8 @@ use crate::config::{Fields, Majority};
 use crate::distance::signed_distance;
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
+use crate::prepare::mask::Mask;
+use crate::prepare::spans::PixelSpans;
 use crate::render::rays::FrozenScene;
 
 /// Rays whose depths are fused: about so many of a view where there are many views, and so many of all together where
@@ -39,6 +41,30 @@ const SMALLEST_PART: f32 = 0.01;
 /// that many views do not leave each with few.
 fn rays_of(data: &Prepared, (each, least): (usize, usize)) -> usize {
     (each * data.views.len()).max(least)
+}
+
+/// Pixels of all masks.
+fn covered(data: &Prepared) -> usize {
+    let masks = data.views.iter().filter_map(|view| view.mask.as_ref());
+    masks.map(Mask::area).sum()
+}
+
+/// Takes the vote from pixels of masks. Returns of how many masks there are any, how many masks there are, and the percentage of
+/// what they cover; `None` without any.
+fn silence(data: &mut Prepared, silent: &[PixelSpans]) -> Option<(usize, usize, f32)> {
+    for (outline, pixels) in data.outlines.iter_mut().zip(silent) {
+        outline.silence(pixels);
+    }
+    let masks = silent.iter().filter(|pixels| !pixels.is_empty()).count();
+    let all = data.views.iter().filter(|view| view.mask.is_some()).count();
+    let pixels: usize = silent.iter().map(PixelSpans::len).sum();
+    (masks > 0).then(|| {
+        (
+            masks,
+            all,
+            100.0 * pixels as f32 / covered(data).max(1) as f32,
+        )
+    })
 }
 
 impl Trainer {

@@ -6,12 +6,12 @@
 //! around it.
 
 use super::depth::{DepthPicture, depth_picture};
-use crate::prepare::mask::Mask;
+use super::silence;
+use crate::cells::{neighbours, pieces};
 use crate::prepare::spans::PixelSpans;
 use crate::prepare::{Prepared, TrainView};
 use crate::render::rays::FrozenScene;
 use crate::train::Trainer;
-use crate::train::raster::neighbours;
 
 /// Rays inside masks whose depths are looked at ([`rays_of`](super::rays_of)).
 const RAYS: (usize, usize) = (12_000, 600_000);
@@ -33,33 +33,17 @@ impl Trainer {
         data: &mut Prepared,
     ) -> Option<String> {
         self.mask_faults.openings = openings(scene, data);
-        let silent = &self.mask_faults.openings;
-        for (outline, opening) in data.outlines.iter_mut().zip(silent) {
-            outline.silence(opening);
-        }
-        let open = silent.iter().filter(|pixels| !pixels.is_empty()).count();
-        let pixels: usize = silent.iter().map(PixelSpans::len).sum();
-        if open == 0 {
-            return None;
-        }
+        let (masks, all, percent) = silence(data, &self.mask_faults.openings)?;
         Some(format!(
-            "{open} of {} masks seem to fill in openings, {:.1} % of what they cover: what shows there has no vote",
-            data.views.iter().filter(|view| view.mask.is_some()).count(),
-            100.0 * pixels as f32 / covered(data).max(1) as f32
+            "{masks} of {all} masks seem to fill in openings, {percent:.1} % of what they cover: what shows there has no vote"
         ))
     }
-}
-
-/// Pixels of all masks.
-pub(super) fn covered(data: &Prepared) -> usize {
-    let masks = data.views.iter().filter_map(|view| view.mask.as_ref());
-    masks.map(Mask::area).sum()
 }
 
 /// The pixels of each view that look through an opening.
 fn openings(scene: &FrozenScene, data: &Prepared) -> Vec<PixelSpans> {
     let rays = super::rays_of(data, RAYS) as f32;
-    let stride = (covered(data) as f32 / rays).sqrt().ceil().max(1.0) as u32;
+    let stride = (super::covered(data) as f32 / rays).sqrt().ceil().max(1.0) as u32;
     let views = data.views.iter().zip(&data.trust.0);
     views
         .map(|(view, trust)| {
@@ -137,33 +121,18 @@ struct Pieces {
 
 impl Pieces {
     fn of(distances: &[f32], width: usize) -> Self {
-        let mut pieces = Self {
-            members: Vec::new(),
-            of_point: vec![None; distances.len()],
+        let joined = |i: usize, j: usize| {
+            // Beyond the box all is one: infinitely far.
+            (distances[i] - distances[j]).abs() <= STEP || distances[i] == distances[j]
         };
-        for start in 0..distances.len() {
-            if distances[start].is_nan() || pieces.of_point[start].is_some() {
-                continue;
+        let members = pieces(distances.len(), width, |i| !distances[i].is_nan(), joined);
+        let mut of_point = vec![None; distances.len()];
+        for (piece, members) in members.iter().enumerate() {
+            for &i in members {
+                of_point[i] = Some(piece);
             }
-            let piece = pieces.members.len();
-            pieces.of_point[start] = Some(piece);
-            let mut members = vec![start];
-            let mut next = 0;
-            while let Some(&i) = members.get(next) {
-                next += 1;
-                for j in neighbours(i, width, distances.len()).flatten() {
-                    // Beyond the box all is one: infinitely far.
-                    let steps = (distances[i] - distances[j]).abs() <= STEP;
-                    let one = steps || distances[i] == distances[j];
-                    if one && pieces.of_point[j].is_none() {
-                        pieces.of_point[j] = Some(piece);
-                        members.push(j);
-                    }
-                }
-            }
-            pieces.members.push(members);
         }
-        pieces
+        Self { members, of_point }
     }
 
     fn same(&self, i: usize, j: usize) -> bool {
