@@ -5,7 +5,7 @@ use crate::config::{InputRecord, RunRecord, Versions};
 use crate::error::InputError;
 use crate::prepare::error::PrepareError;
 use crate::run_folder::RunFolder;
-use io_colmap::{IGNORE_FOLDER, Model};
+use io_colmap::Model;
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -57,11 +57,7 @@ pub(super) fn at_home(input: InputRecord, config: &Path, out: &Path) -> InputRec
     } else {
         input
     };
-    // The pictures were copied with the photos; what they were copied from may be gone as those may.
-    let copy = found.scene.join(IGNORE_FOLDER);
-    if found.ignore.as_ref().is_some_and(|folder| !folder.exists()) && copy.is_dir() {
-        found.ignore = Some(copy);
-    }
+    found.ignore = found.ignore_beside(&found.scene);
     found
 }
 

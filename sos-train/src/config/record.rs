@@ -3,9 +3,10 @@
 use super::overlay::{one_line, reworded};
 use super::{ConfigError, Preset, TrainConfig};
 use crate::discover::hint::{Click, WorldBox};
+use io_colmap::IGNORE_FOLDER;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
 /// Sections of the file that are not settings.
@@ -76,6 +77,16 @@ impl InputRecord {
     #[must_use]
     pub fn owns_scene(&self) -> bool {
         self.demo || self.imported_from.is_some()
+    }
+
+    /// Where photos are not to be learned from, of a run whose scene is at `scene` now: the folder that it was given, or,
+    /// where that is gone, the copy that an import made beside the photos.
+    #[must_use]
+    pub fn ignore_beside(&self, scene: &Path) -> Option<PathBuf> {
+        let given = self.ignore.as_ref()?;
+        let copy = scene.join(IGNORE_FOLDER);
+        let is_moved = !given.exists() && copy.is_dir();
+        Some(if is_moved { copy } else { given.clone() })
     }
 }
 
