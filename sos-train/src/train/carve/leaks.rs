@@ -1,8 +1,9 @@
 //! Masks that leak.
 //!
 //! Segmenters run over where a photo shows no edge: into a black room, an overexposed table. A zone of one colour of which a
-//! mask takes only a small part is cut by it where nothing is to be seen, so that this part is no witness. Only where the
-//! masks of the other views have the object there as well is it one: what looks like the ground beside it.
+//! mask takes only a small part is cut by it where nothing is to be seen, so that this part is no witness; of a zone that is
+//! cut in halves all of it is none. Only where the masks of the other views have the object there as well is it one: what
+//! looks like the ground beside it.
 
 use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
@@ -25,6 +26,8 @@ const FLAT: u8 = 5;
 const SMALLEST: f32 = 0.003;
 /// The largest share of a zone that a mask may leak into.
 const CUT: f32 = 0.35;
+/// Up to this one a mask may as well have lost the rest: neither side has a vote.
+const TORN: f32 = 0.65;
 /// Nearly all masks that see a place must have it for the object: a hull of half of them is fat.
 const HULL: f32 = 0.85;
 /// What lies in that hull by this share is no leak.
@@ -67,49 +70,69 @@ fn leak(view: &TrainView, mask: &Mask, frame: &Frame, map: &ProbabilityMap) -> P
             mask.contains(x, y)
         })
         .collect();
-    let parts = cut_off(&colours, &inside, columns);
-    if parts.is_empty() {
+    let cuts = cut_off(&colours, &inside, columns);
+    if cuts.is_empty() {
         return PixelSpans::default();
     }
     let together = outline::silhouette(view, frame, map, squares.side);
-    let agreed = |part: &Vec<usize>| {
+    let agreed = |cut: &Cut| {
         let in_hull = |i: &&usize| f32::from(together.as_raw()[**i]) >= 255.0 * HULL;
-        part.iter().filter(in_hull).count() as f32 / part.len() as f32
+        cut.part.iter().filter(in_hull).count() as f32 / cut.part.len() as f32
     };
-    let mut leaking = vec![false; colours.len()];
-    for part in parts.iter().filter(|part| agreed(part) < AGREED) {
-        part.iter().for_each(|i| leaking[*i] = true);
+    let (mut leaking, mut torn) = (vec![false; colours.len()], vec![false; colours.len()]);
+    for cut in cuts.iter().filter(|cut| agreed(cut) < AGREED) {
+        cut.part.iter().for_each(|i| leaking[*i] = true);
+        if cut.is_torn {
+            cut.zone.iter().for_each(|i| torn[*i] = true);
+        }
     }
     // Squares at a zone's border are not flat themselves.
     let leaking = grown(&leaking, columns, 1);
     let mut pixels = PixelSpans::default();
-    for (x, y) in mask.pixels() {
-        if leaking[raster.square((x, y))] {
-            pixels.push(y * view.width() + x);
+    for y in 0..view.height() {
+        for x in 0..view.width() {
+            let square = raster.square((x, y));
+            if torn[square] || leaking[square] && mask.contains(x, y) {
+                pixels.push(y * view.width() + x);
+            }
         }
     }
     pixels
 }
 
-/// The parts inside of flat zones that are mostly outside: squares by number, row-major.
-fn cut_off(colours: &[[u8; 3]], inside: &[bool], columns: usize) -> Vec<Vec<usize>> {
+/// A flat zone of which a mask takes no more than about half.
+struct Cut {
+    /// Its squares by number, row-major.
+    zone: Vec<usize>,
+    /// Those of them that the mask has.
+    part: Vec<usize>,
+    /// Whether these are about half.
+    is_torn: bool,
+}
+
+/// The flat zones that are cut by the mask which has the squares `inside`; row-major.
+fn cut_off(colours: &[[u8; 3]], inside: &[bool], columns: usize) -> Vec<Cut> {
     let len = colours.len();
     let alike = |a: usize, b: usize| {
         let channels = colours[a].iter().zip(&colours[b]);
         channels.into_iter().all(|(a, b)| a.abs_diff(*b) <= FLAT)
     };
     let flat = |i: usize| around(i, columns, len).all(|j| alike(i, j));
-    let mut parts = Vec::new();
+    let mut cuts = Vec::new();
     // Flat squares beside each other are alike.
-    for mut zone in pieces(len, columns, flat, |_, _| true) {
-        let size = zone.len() as f32;
-        zone.retain(|i| inside[*i]);
-        let large = size >= SMALLEST * len as f32;
-        if large && !zone.is_empty() && zone.len() as f32 <= CUT * size {
-            parts.push(zone);
+    for zone in pieces(len, columns, flat, |_, _| true) {
+        let part: Vec<usize> = zone.iter().copied().filter(|i| inside[*i]).collect();
+        let share = part.len() as f32 / zone.len() as f32;
+        let large = zone.len() as f32 >= SMALLEST * len as f32;
+        if large && !part.is_empty() && share <= TORN {
+            cuts.push(Cut {
+                zone,
+                part,
+                is_torn: share > CUT,
+            });
         }
     }
-    parts
+    cuts
 }
 
 #[cfg(test)]
@@ -145,13 +168,24 @@ mod tests {
     #[test]
     fn a_mask_leaks_where_it_ends_in_a_flat_zone() {
         let (colours, inside, columns) = picture(|x, y| disc(x, y) || (x < 30 && x > 12 && y < 20));
-        let parts = cut_off(&colours, &inside, columns);
-        assert_eq!(parts.len(), 1);
-        assert!(parts[0].len() > 50, "{}", parts[0].len());
-        for i in &parts[0] {
+        let cuts = cut_off(&colours, &inside, columns);
+        assert_eq!(cuts.len(), 1);
+        assert!(!cuts[0].is_torn);
+        assert!(cuts[0].part.len() > 50, "{}", cuts[0].part.len());
+        for i in &cuts[0].part {
             let (x, y) = (i % columns, i / columns);
             assert!(inside[*i] && !disc(x, y), "({x}, {y})");
         }
+    }
+
+    #[test]
+    fn a_zone_that_is_cut_in_halves_is_torn() {
+        let (colours, inside, columns) = picture(|x, y| disc(x, y) || (x < 30 && y < 20));
+        let cuts = cut_off(&colours, &inside, columns);
+        assert_eq!(cuts.len(), 1);
+        assert!(cuts[0].is_torn);
+        assert!(cuts[0].zone.iter().any(|i| i / columns > 30));
+        assert!(cuts[0].part.iter().all(|i| i / columns < 20));
     }
 
     #[test]
@@ -162,7 +196,7 @@ mod tests {
 
     #[test]
     fn a_zone_that_is_mostly_inside_is_the_objects() {
-        let (colours, inside, columns) = picture(|x, _| x < 31);
+        let (colours, inside, columns) = picture(|x, y| disc(x, y) || x < 31);
         assert!(cut_off(&colours, &inside, columns).is_empty());
     }
 

@@ -49,7 +49,7 @@ fn covered(data: &Prepared) -> usize {
     masks.map(Mask::area).sum()
 }
 
-/// Takes the vote from pixels of masks. Returns of how many masks there are any, how many masks there are, and the percentage of
+/// Takes the vote from pixels. Returns of how many masks there are any, how many masks there are, and the percentage of
 /// what they cover; `None` without any.
 fn silence(data: &mut Prepared, silent: &[PixelSpans]) -> Option<(usize, usize, f32)> {
     for (outline, pixels) in data.outlines.iter_mut().zip(silent) {
@@ -57,7 +57,13 @@ fn silence(data: &mut Prepared, silent: &[PixelSpans]) -> Option<(usize, usize, 
     }
     let masks = silent.iter().filter(|pixels| !pixels.is_empty()).count();
     let all = data.views.iter().filter(|view| view.mask.is_some()).count();
-    let pixels: usize = silent.iter().map(PixelSpans::len).sum();
+    let in_masks = data.views.iter().zip(silent).map(|(view, pixels)| {
+        let (mask, width) = (view.mask.as_ref(), view.width());
+        let in_mask =
+            |pixel: &u32| mask.is_some_and(|mask| mask.contains(pixel % width, pixel / width));
+        pixels.iter().filter(in_mask).count()
+    });
+    let pixels: usize = in_masks.sum();
     (masks > 0).then(|| {
         (
             masks,
