@@ -17,7 +17,7 @@ pub struct MaskFaults {
     pub shifts: Vec<f32>,
     /// Pixels of each view's mask that show what lies behind the object, through an opening.
     pub openings: Vec<PixelSpans>,
-    /// Pixels of each view's mask that it leaks into, over what has no edge.
+    /// Pixels of each view that its mask leaks into, over what has no edge; where it cuts that in halves, both of them.
     #[serde(default)]
     pub leaks: Vec<PixelSpans>,
     /// Pixels of each view on which the photo shows the object, as its colours say, though something hid it.

@@ -78,7 +78,6 @@ impl ReportInputs {
         };
         let mut scene = Scene::open(&scene_dir)?;
         scene.take_poses(&run.cameras_dir())?;
-        let ignore = input.ignore_beside(&scene_dir);
         let masks = masks_dir
             .as_deref()
             .map(|dir| MaskSet::find(dir, &scene, polarity.map(MaskPolarity::into)))
@@ -101,7 +100,7 @@ impl ReportInputs {
             reference: Some(scene_dir.join("alpha_gt")).filter(|dir| input.demo && dir.is_dir()),
             scene,
             masks,
-            ignore,
+            ignore: input.ignore_beside(&scene_dir),
             log,
             metrics: scores,
             audit,

@@ -44,7 +44,7 @@ impl Trainer {
     }
 }
 
-/// The pixels of each view that its mask leaks into.
+/// The pixels of each view of which its mask says nothing: what it leaks into, and zones that it cuts in halves.
 fn leaks(data: &Prepared) -> Vec<PixelSpans> {
     let views = data.views.par_iter().zip(&data.trust.0);
     views
@@ -82,7 +82,7 @@ fn leak(view: &TrainView, mask: &Mask, frame: &Frame, map: &ProbabilityMap) -> P
     let (mut leaking, mut torn) = (vec![false; colours.len()], vec![false; colours.len()]);
     for cut in cuts.iter().filter(|cut| agreed(cut) < AGREED) {
         cut.part.iter().for_each(|i| leaking[*i] = true);
-        if cut.is_torn {
+        if cut.is_torn() {
             cut.zone.iter().for_each(|i| torn[*i] = true);
         }
     }
@@ -106,8 +106,18 @@ struct Cut {
     zone: Vec<usize>,
     /// Those of them that the mask has.
     part: Vec<usize>,
-    /// Whether these are about half.
-    is_torn: bool,
+}
+
+impl Cut {
+    /// How much of the zone the mask has.
+    fn share(&self) -> f32 {
+        self.part.len() as f32 / self.zone.len() as f32
+    }
+
+    /// Whether that is about half.
+    fn is_torn(&self) -> bool {
+        self.share() > CUT
+    }
 }
 
 /// The flat zones that are cut by the mask which has the squares `inside`; row-major.
@@ -121,15 +131,11 @@ fn cut_off(colours: &[[u8; 3]], inside: &[bool], columns: usize) -> Vec<Cut> {
     let mut cuts = Vec::new();
     // Flat squares beside each other are alike.
     for zone in pieces(len, columns, flat, |_, _| true) {
-        let part: Vec<usize> = zone.iter().copied().filter(|i| inside[*i]).collect();
-        let share = part.len() as f32 / zone.len() as f32;
-        let large = zone.len() as f32 >= SMALLEST * len as f32;
-        if large && !part.is_empty() && share <= TORN {
-            cuts.push(Cut {
-                zone,
-                part,
-                is_torn: share > CUT,
-            });
+        let part = zone.iter().copied().filter(|i| inside[*i]).collect();
+        let cut = Cut { zone, part };
+        let large = cut.zone.len() as f32 >= SMALLEST * len as f32;
+        if large && !cut.part.is_empty() && cut.share() <= TORN {
+            cuts.push(cut);
         }
     }
     cuts
@@ -170,7 +176,7 @@ mod tests {
         let (colours, inside, columns) = picture(|x, y| disc(x, y) || (x < 30 && x > 12 && y < 20));
         let cuts = cut_off(&colours, &inside, columns);
         assert_eq!(cuts.len(), 1);
-        assert!(!cuts[0].is_torn);
+        assert!(!cuts[0].is_torn());
         assert!(cuts[0].part.len() > 50, "{}", cuts[0].part.len());
         for i in &cuts[0].part {
             let (x, y) = (i % columns, i / columns);
@@ -183,7 +189,7 @@ mod tests {
         let (colours, inside, columns) = picture(|x, y| disc(x, y) || (x < 30 && y < 20));
         let cuts = cut_off(&colours, &inside, columns);
         assert_eq!(cuts.len(), 1);
-        assert!(cuts[0].is_torn);
+        assert!(cuts[0].is_torn());
         assert!(cuts[0].zone.iter().any(|i| i / columns > 30));
         assert!(cuts[0].part.iter().all(|i| i / columns < 20));
     }
