@@ -9,11 +9,14 @@ use crate::room::{Furniture, Top};
 /// Foot of the target on the table and its turn in degrees.
 pub(crate) const TARGET_PLACE: (DVec3, f64) = (DVec3::new(0.0, -0.01, 0.0), 24.0);
 
+/// Radius and half height of the turntable.
+const TURNTABLE: (f64, f64) = (0.19, 0.012);
+
 /// Piece, middle, turn in degrees, half extents.
 pub(crate) fn furniture(kind: SceneKind) -> Vec<(Furniture, DVec3, f64, DVec3)> {
     let v = DVec3::new;
     let top = match kind {
-        SceneKind::Can | SceneKind::OneSide | SceneKind::Apart => Top::Wood,
+        SceneKind::Can | SceneKind::OneSide | SceneKind::Apart | SceneKind::Turntable => Top::Wood,
         SceneKind::Thin => Top::Rug,
         SceneKind::Plain => Top::Plain,
     };
@@ -22,10 +25,15 @@ pub(crate) fn furniture(kind: SceneKind) -> Vec<(Furniture, DVec3, f64, DVec3)> 
         SceneKind::OneSide => (v(0.1, 0.90, 0.05), v(1.0, 0.16, 0.80)),
         _ => (v(0.25, 2.04, -0.10), v(1.0, 0.16, 0.65)),
     };
+    // The turntable stands on it, and is as high as other tables.
+    let below = match kind {
+        SceneKind::Turntable => 2.0 * TURNTABLE.1,
+        _ => 0.0,
+    };
     let mut pieces = vec![
         (
             Furniture::TableTop(top),
-            v(0.0, 0.0, -0.016),
+            v(0.0, 0.0, -0.016 - below),
             0.0,
             v(0.75, 0.5, 0.016),
         ),
@@ -105,8 +113,14 @@ pub(crate) fn furniture(kind: SceneKind) -> Vec<(Furniture, DVec3, f64, DVec3)> 
 
 /// Thing, place of its foot and turn in degrees.
 pub(crate) fn clutter(kind: SceneKind) -> Vec<(Clutter, DVec3, f64)> {
-    if matches!(kind, SceneKind::Thin | SceneKind::Plain) {
-        return Vec::new();
+    match kind {
+        SceneKind::Thin | SceneKind::Plain => return Vec::new(),
+        SceneKind::Turntable => {
+            let (radius, half) = TURNTABLE;
+            let foot = TARGET_PLACE.0 - DVec3::Z * 2.0 * half;
+            return vec![(Clutter::Turntable { radius, half }, foot, 0.0)];
+        }
+        SceneKind::Can | SceneKind::OneSide | SceneKind::Apart => {}
     }
     use Clutter::{Apple, Mug, Orange};
     let v = DVec3::new;

@@ -54,6 +54,18 @@ impl Camera {
         }
     }
 
+    /// The same picture of things that have turned by `turn` (radians, about z through `axis`), as seen by a camera
+    /// that has gone round them the other way.
+    pub(crate) fn before_turned(&self, axis: DVec3, turn: f64) -> Self {
+        let (sin, cos) = (libm::sin(0.5 * turn), libm::cos(0.5 * turn));
+        let turned = DQuat::from_xyzw(0.0, 0.0, sin, cos);
+        Self {
+            rotation: (self.rotation * turned).normalize(),
+            translation: self.rotation * (axis - turned * axis) + self.translation,
+            ..*self
+        }
+    }
+
     /// The rigid transform that takes world coordinates to camera coordinates.
     #[must_use]
     pub fn camera_from_world(&self) -> DMat4 {
@@ -104,6 +116,18 @@ impl Camera {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_camera_goes_round_what_stands_still_as_that_turns_before_it() {
+        let eye = DVec3::new(1.0, 2.0, 3.0);
+        let camera = Camera::looking_at((320, 240), 300.0, eye, DVec3::new(0.2, 0.1, 0.9), 0.03);
+        let (axis, turn) = (DVec3::new(0.3, 0.2, 0.5), 0.7_f64);
+        let p = DVec3::new(0.25, 0.0, 0.8);
+        let turned = axis + DQuat::from_rotation_z(turn) * (p - axis);
+        let (there, depth) = camera.project(turned).unwrap();
+        let (here, same) = camera.before_turned(axis, turn).project(p).unwrap();
+        assert!((there - here).length() < 1e-9 && (depth - same).abs() < 1e-12);
+    }
 
     #[test]
     fn projection_inverts_rays() {

@@ -34,6 +34,11 @@ pub(crate) enum Clutter {
         half: DVec3,
         look: u32,
     },
+    /// A disc with a printed mat on it.
+    Turntable {
+        radius: f64,
+        half: f64,
+    },
 }
 
 impl Clutter {
@@ -51,6 +56,7 @@ impl Clutter {
             ),
             Self::Pencil { .. } => (DVec3::new(0.09, 0.0042, 0.0042), DVec3::Z * 0.004),
             Self::Cube { half, .. } => (DVec3::splat(half), DVec3::Z * half),
+            Self::Turntable { radius, half } => (DVec3::new(radius, radius, half), DVec3::Z * half),
         }
     }
 
@@ -96,6 +102,10 @@ impl Clutter {
             }
             Self::Cube { half, .. } => rounded_box(p - DVec3::Z * half, DVec3::splat(half), 0.003),
             Self::Sheet { half, .. } => rounded_box(p - DVec3::Z * half.z, half, 0.0),
+            Self::Turntable { radius, half } => {
+                let q = DVec2::new(p.truncate().length(), p.z - half);
+                frustum(q, half, radius, radius)
+            }
         }
     }
 
@@ -157,6 +167,7 @@ impl Clutter {
             }
             Self::Cube { half, look } => cube_paint(p, n, half, look),
             Self::Sheet { half, look } => sheet_paint(p, half, look),
+            Self::Turntable { radius, half } => mat_paint(p, radius, half),
         }
     }
 }
@@ -415,4 +426,20 @@ fn sheet_paint(p: DVec3, half: DVec3, look: u32) -> Material {
         )
     };
     Material::matt(mottle(colour, p, 0.003, 0.15, 100))
+}
+
+/// A mat of coloured patches in rings, no two alike, on a dark disc.
+fn mat_paint(p: DVec3, radius: f64, half: f64) -> Material {
+    let rim = mottle(rgb(0x3a3c40), p, 0.004, 0.3, 90);
+    let from_axis = p.truncate().length();
+    if p.z < 1.99 * half || from_axis > 0.95 * radius {
+        return Material::glossy(rim, 0.1);
+    }
+    let ring = floor(from_axis / 0.021);
+    let patches = f64::from(5 * ring + 3);
+    let turn = libm::atan2(p.y, p.x) / core::f64::consts::TAU + 0.5;
+    let h = |k: i32| unit(hash3(ring, floor(turn * patches), k, 91));
+    let hue = [0xd8cfb8, 0x9c4b36, 0x38597a, 0xc39a45, 0x57704b][(5.0 * h(0)) as usize % 5];
+    let patch = rgb(hue) * (0.7 + 0.5 * h(1));
+    Material::matt(mottle(mottle(patch, p, 0.003, 0.4, 92), p, 0.02, 0.25, 93))
 }

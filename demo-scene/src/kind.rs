@@ -19,4 +19,6 @@ pub enum SceneKind {
     Plain,
     /// A spray bottle with a neck as clear as glass, among things: its head hangs in the air.
     Apart,
+    /// The can on a turntable before cameras that stand still: only it and the disc turn, and the light stays.
+    Turntable,
 }

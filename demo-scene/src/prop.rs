@@ -49,6 +49,18 @@ impl Prop {
         prop
     }
 
+    /// The same, turned by `angle` radians about z through `axis`.
+    pub(crate) fn turned(&self, axis: DVec3, angle: f64) -> Self {
+        let by = DVec2::new(libm::cos(angle), libm::sin(angle));
+        let around = |v: DVec3| axis + by.rotate((v - axis).truncate()).extend(v.z - axis.z);
+        Self {
+            origin: around(self.origin),
+            turn: by.rotate(self.turn),
+            centre: around(self.centre),
+            ..self.clone()
+        }
+    }
+
     fn inward(&self, v: DVec3) -> DVec3 {
         let (c, s) = (self.turn.x, self.turn.y);
         DVec3::new(c * v.x + s * v.y, c * v.y - s * v.x, v.z)

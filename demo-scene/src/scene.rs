@@ -6,7 +6,7 @@ use crate::camera::Camera;
 use crate::coarse::coarse_masks;
 use crate::config::DemoConfig;
 use crate::mask::iou;
-use crate::orbit::cameras;
+use crate::orbit::shots;
 use crate::render::render;
 use crate::sparse::{SparsePoint, sparse_points};
 use crate::stage::Stage;
@@ -47,16 +47,16 @@ pub struct DemoScene {
 #[must_use]
 pub fn generate(config: &DemoConfig) -> DemoScene {
     let stage = Stage::new(config.kind);
-    let cameras = cameras(&stage, config);
-    let mut views: Vec<DemoView> = cameras
+    let shots = shots(&stage, config);
+    let mut views: Vec<DemoView> = shots
         .iter()
         .enumerate()
-        .map(|(index, camera)| {
+        .map(|(index, shot)| {
             let per_pixel = config.samples_per_pixel.max(1) as usize;
-            let pictures = render(&stage, camera, per_pixel, config.seed, index as u64);
+            let pictures = render(&stage, shot, per_pixel, config.seed, index as u64);
             DemoView {
                 name: format!("{index:03}.png"),
-                camera: *camera,
+                camera: shot.camera,
                 photo: pictures.photo,
                 alpha: pictures.alpha,
                 background: pictures.background,
@@ -71,6 +71,7 @@ pub fn generate(config: &DemoConfig) -> DemoScene {
         .collect();
     let masks = coarse_masks(&pictures, config.seed);
     let photos: Vec<_> = views.iter().map(|view| &view.photo).collect();
+    let cameras: Vec<_> = shots.iter().map(|shot| shot.camera).collect();
     let points = sparse_points(&stage, &cameras, &photos, config);
     for (view, mask) in views.iter_mut().zip(masks) {
         view.coarse_mask = mask;

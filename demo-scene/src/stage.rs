@@ -6,6 +6,7 @@
 use glam::DVec3;
 
 use crate::arrangement;
+use crate::clutter::Clutter;
 use crate::kind::SceneKind;
 use crate::paint::Material;
 use crate::prop::{Prop, Thing};
@@ -66,6 +67,22 @@ impl Stage {
             props.push(Prop::new(thing, foot, degrees, clutter.bounds()));
         }
         Self { props, kind }
+    }
+
+    /// A point of the axis that the turntable turns about.
+    pub(crate) fn axis(&self) -> DVec3 {
+        arrangement::TARGET_PLACE.0
+    }
+
+    /// The same with the target and the turntable turned by `turn` radians.
+    pub(crate) fn turned(&self, turn: f64) -> Self {
+        let mut stage = self.clone();
+        for prop in &mut stage.props {
+            if let Thing::Target(_) | Thing::Clutter(Clutter::Turntable { .. }) = prop.thing {
+                *prop = prop.turned(self.axis(), turn);
+            }
+        }
+        stage
     }
 
     pub(crate) fn target(&self) -> &Prop {

@@ -21,7 +21,7 @@ pub(crate) enum Subject {
 impl Subject {
     pub(crate) fn of(kind: SceneKind) -> Self {
         match kind {
-            SceneKind::Can | SceneKind::OneSide => Self::Can,
+            SceneKind::Can | SceneKind::OneSide | SceneKind::Turntable => Self::Can,
             SceneKind::Plain => Self::PlainCan,
             SceneKind::Thin => Self::Chair,
             SceneKind::Apart => Self::Bottle,

@@ -45,6 +45,7 @@ fn every_kind_has_a_target_that_its_masks_half_find() {
         SceneKind::Thin,
         SceneKind::Plain,
         SceneKind::Apart,
+        SceneKind::Turntable,
     ];
     let scenes = kinds.map(|kind| {
         generate(&DemoConfig {
@@ -74,6 +75,31 @@ fn every_kind_has_a_target_that_its_masks_half_find() {
     }
     assert!(scenes[0].views[0].photo != scenes[3].views[0].photo);
     assert!(scenes[0].mesh != scenes[2].mesh);
+}
+
+#[test]
+fn only_the_turntable_turns_before_a_camera_that_stands_still() {
+    let scene = generate(&DemoConfig {
+        kind: SceneKind::Turntable,
+        ..DemoConfig::tiny()
+    });
+    // Of 12 views each stand has four.
+    let (first, next, other) = (&scene.views[0], &scene.views[1], &scene.views[4]);
+    let off = |a: &demo_scene::DemoView, b: &demo_scene::DemoView, (x, y): (u32, u32)| {
+        let (a, b) = (a.photo.get_pixel(x, y).0, b.photo.get_pixel(x, y).0);
+        let channels = a.iter().zip(b);
+        channels.map(|(a, b)| u32::from(a.abs_diff(b))).sum::<u32>() / 3
+    };
+    let top = || (0..96).flat_map(|x| (0..6).map(move |y| (x, y)));
+    let still = top().filter(|pixel| off(first, next, *pixel) < 12).count();
+    let moved = top().filter(|pixel| off(first, other, *pixel) > 12).count();
+    assert!(still > 480 && moved > 200, "{still}, {moved} of 576");
+    let disc = (30..66).map(|x| off(first, next, (x, 62)));
+    assert!(disc.filter(|off| *off > 12).count() > 18);
+    // What does not turn has no points.
+    let far = |p: &demo_scene::SparsePoint| (p.position - demo_scene::TABLE_CENTRE).length();
+    assert!(scene.points.iter().all(|point| far(point) < 0.35));
+    assert!(scene.points.len() > 600, "{}", scene.points.len());
 }
 
 /// Pixels whose centre is covered by a triangle of the mesh.
