@@ -30,6 +30,8 @@ pub struct Outline {
     labels: ByteRuns,
     /// Pixels whose ray meets space that may hold the object.
     pub candidates: PixelSpans,
+    /// Pixels that show the object [by its colours](Self::mark_alike).
+    pub alike: PixelSpans,
 }
 
 impl Outline {
@@ -89,6 +91,7 @@ impl Outline {
             Label::DoubtfulObject if !masked => ALIKE_OBJECT,
             _ => byte,
         });
+        self.alike = self.alike.united(pixels);
     }
 
     /// What says that the object is to be seen on a pixel.
@@ -293,6 +296,7 @@ pub fn outline(
         masked: mask.is_some(),
         labels: ByteRuns::of(&labels),
         candidates,
+        alike: PixelSpans::default(),
     }
 }
 
@@ -394,6 +398,7 @@ mod tests {
             masked: true,
             labels: ByteRuns::of(&[0, object, object, THIN_OBJECT, UNKNOWN_OBJECT, object]),
             candidates: PixelSpans::default(),
+            alike: PixelSpans::default(),
         };
         let votes = |outline: &Outline| {
             let weight = |i: u32| outline.vote(i % 3, i / 3).map(|vote| vote.weight);

@@ -143,7 +143,7 @@ fn hidden_alike(
     for (&i, object) in squares.iter().zip(&objects) {
         alike[i] = is_alike(object, viewpoint.colour(raster.middle(i)));
     }
-    let alike = raster.well_inside(&alike);
+    let alike = raster.opened(&alike);
     let (mut places, mut hidden) = (Vec::new(), Vec::new());
     let met = rays.iter().zip(&objects).zip(scene.mattes(&rays));
     for (&i, ((ray, object), matte)) in squares.iter().zip(met) {
@@ -186,6 +186,7 @@ fn is_alike(met: &RenderedRay, colour: [u8; 3]) -> bool {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use burn::Tensor;
     use image::{Rgb, RgbImage};
 
     use super::*;
@@ -225,7 +226,8 @@ mod tests {
         let mut trainer = Trainer::new(config, data).unwrap();
         if fog {
             let last = &mut trainer.scene.background.sdf[1];
-            last.bias = last.bias.clone().map(|bias| bias - 4.0);
+            let thicker = |bias: Tensor<1>| (bias - 4.0).detach().require_grad();
+            last.bias = last.bias.clone().map(thicker);
         }
         trainer
     }
@@ -266,6 +268,31 @@ mod tests {
             again.correct_masks(faults, &config.prepare, band).unwrap();
             assert_eq!(shown(&again), found);
         }
+    }
+
+    #[test]
+    fn what_is_opaque_gives_way_where_colours_show_the_object() {
+        let config = tiny::config();
+        let seen_after = |by_colour: bool| {
+            let mut data = tiny::prepared(&config, &[]);
+            let mut trainer = trainer(&config, &data, true);
+            if by_colour {
+                for outline in &mut data.outlines {
+                    let pixels = outline.candidates.clone();
+                    outline.mark_alike(&pixels);
+                }
+            }
+            for _ in 0..40 {
+                trainer.step(&data);
+            }
+            let viewpoint = Viewpoint::at(&data, 0);
+            let (_, rays) = viewpoint.rays(&Raster::of(viewpoint.view, 2), |_| true);
+            let scene = trainer.freeze();
+            scene.mattes(&rays).iter().sum::<f32>() / rays.len() as f32
+        };
+        let (shown, not) = (seen_after(true), seen_after(false));
+        // So opaque that nothing of the object was to be seen.
+        assert!(not < 1e-4 && shown > 100.0 * not, "{shown}, {not}");
     }
 
     #[test]

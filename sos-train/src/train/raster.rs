@@ -52,6 +52,14 @@ impl Raster {
         (0..self.len()).map(all).collect()
     }
 
+    /// The squares of which `holds` is said, but for what is less than three of them wide, or a corner.
+    pub(super) fn opened(&self, holds: &[bool]) -> Vec<bool> {
+        let inside = self.well_inside(holds);
+        let beside = |i| neighbours(i, self.columns as usize, self.len());
+        let any = |i: usize| inside[i] || beside(i).any(|j| j.is_some_and(|j| inside[j]));
+        (0..self.len()).map(any).collect()
+    }
+
     /// The pixels of squares.
     pub(super) fn pixels(&self, squares: &[bool]) -> PixelSpans {
         let mut pixels = PixelSpans::default();
@@ -91,5 +99,24 @@ mod tests {
         assert!(raster.pixels(&[false; 6]).is_empty());
         let inside = raster.well_inside(&[true, true, true, true, true, false]);
         assert_eq!(inside, [true, true, false, true, false, false]);
+    }
+
+    #[test]
+    fn opening_leaves_out_what_is_thin() {
+        // A block of 3 x 3 squares, of which the corners are thin, and a line beside it.
+        let raster = Raster {
+            stride: 1,
+            columns: 8,
+            rows: 5,
+            width: 8,
+            height: 5,
+        };
+        let block = |i: usize| (1..4).contains(&(i % 8)) && (1..4).contains(&(i / 8));
+        let corner = |i: usize| i % 8 != 2 && i / 8 != 2;
+        let line = |i: usize| i % 8 == 6;
+        let holds: Vec<bool> = (0..40).map(|i| block(i) || line(i)).collect();
+        let opened = raster.opened(&holds);
+        let thick = (0..40).map(|i| block(i) && !corner(i));
+        assert_eq!(opened, thick.collect::<Vec<_>>());
     }
 }

@@ -7,6 +7,7 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use super::agreement::tile_of;
+use crate::prepare::outline::Outline;
 use crate::prepare::{Label, Prepared, Shown, Vote};
 
 /// Rays of one step with what is known about their pixels; all lists `[rays]`.
@@ -46,6 +47,12 @@ pub struct Sampler {
 /// what lies there is what plates show behind the object.
 const NEARBY_SHARE: f32 = 0.6;
 
+/// How many times as often pixels are drawn that show the object by their colours, where something hid it: hardly any of
+/// a photo's pixels has its turn before the next look otherwise, and what is to be cleared away is there alone.
+const ALIKE_TIMES: f32 = 32.0;
+/// The most rays of all that are drawn for it.
+const ALIKE_SHARE: f32 = 0.05;
+
 /// How many times as many pixels are tried as rays are wanted that a mask has to agree to.
 const TRIES: usize = 4;
 /// Pixels that one task looks up.
@@ -82,8 +89,13 @@ impl Sampler {
     #[must_use]
     pub fn draw(&self, scene: &Prepared, step: u32, rays: usize) -> RayBatch {
         let mut random = step_random(self.seed, step);
-        let pixels: Vec<(usize, u32, u32)> =
-            (0..rays).map(|_| self.pixel(scene, &mut random)).collect();
+        let alike = Alike::of(scene, self.object_share);
+        let pixels: Vec<(usize, u32, u32)> = (0..rays)
+            .map(|_| match alike.pixel(scene, &mut random) {
+                Some(pixel) => pixel,
+                None => self.pixel(scene, &mut random),
+            })
+            .collect();
         // Looking things up takes most of the time: each pixel is somewhere else in memory.
         let drawn: Vec<_> = pixels
             .into_par_iter()
@@ -180,6 +192,44 @@ impl Sampler {
     }
 }
 
+/// The pixels of all views that show the object by their colours.
+struct Alike {
+    pixels: usize,
+    /// Of all rays.
+    share: f32,
+}
+
+impl Alike {
+    fn of(scene: &Prepared, object_share: f32) -> Self {
+        let count = |pixels: fn(&Outline) -> usize| scene.outlines.iter().map(pixels).sum();
+        let pixels: usize = count(|outline| outline.alike.len());
+        let all: usize = count(|outline| outline.candidates.len());
+        let often = ALIKE_TIMES * object_share * pixels as f32 / all.max(1) as f32;
+        Self {
+            pixels,
+            share: often.min(ALIKE_SHARE),
+        }
+    }
+
+    /// One of them, if it is their turn.
+    fn pixel(&self, scene: &Prepared, random: &mut impl Rng) -> Option<(usize, u32, u32)> {
+        if self.pixels == 0 || random.random::<f32>() >= self.share {
+            return None;
+        }
+        let mut number = random.random_range(0..self.pixels);
+        let view = scene.outlines.iter().position(|outline| {
+            let here = number < outline.alike.len();
+            if !here {
+                number -= outline.alike.len();
+            }
+            here
+        })?;
+        let pixel = scene.outlines[view].alike.nth(number);
+        let width = scene.views[view].width();
+        Some((view, pixel % width, pixel / width))
+    }
+}
+
 /// The candidates' bounding rectangle, grown by half its size on every side.
 fn surroundings(scene: &Prepared, view: usize) -> [u32; 4] {
     let (width, height) = (scene.views[view].width(), scene.views[view].height());
@@ -216,4 +266,50 @@ fn surroundings(scene: &Prepared, view: usize) -> [u32; 4] {
 #[must_use]
 pub fn step_random(seed: u64, step: u32) -> Pcg64Mcg {
     Pcg64Mcg::seed_from_u64(seed ^ u64::from(step).wrapping_mul(0x9e37_79b9_7f4a_7c15))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::prepare::spans::PixelSpans;
+    use crate::train::tiny;
+
+    #[test]
+    fn what_colours_show_is_drawn_more_often_but_not_from_all_else() {
+        let config = tiny::config();
+        let mut data = tiny::prepared(&config, &[]);
+        let sampler = Sampler::new(&data, 5, config.sampling.object_share);
+        let by_colour = |data: &Prepared| {
+            let batch = sampler.draw(data, 7, 20_000);
+            let shown = batch.shown.iter().zip(&batch.views);
+            let shown = shown.filter(|(shown, _)| **shown == Shown::ByColour);
+            let views: Vec<u32> = shown.map(|(_, view)| *view).collect();
+            (views.len() as f32 / 20_000.0, views)
+        };
+        assert_eq!(by_colour(&data).0, 0.0);
+        let mark = |data: &mut Prepared, view: usize, count: usize, skipped: usize| {
+            let outline = &data.outlines[view];
+            let width = data.views[view].width();
+            let expected = |i: &u32| outline.is_expected(i % width, i / width);
+            let all = outline.candidates.iter().filter(expected);
+            let mut pixels = PixelSpans::default();
+            all.skip(skipped).take(count).for_each(|i| pixels.push(i));
+            assert_eq!(pixels.len(), count);
+            data.outlines[view].mark_alike(&pixels);
+            by_colour(data)
+        };
+        let all: usize = data.outlines.iter().map(|o| o.candidates.len()).sum();
+        let evenly = 10.0 * config.sampling.object_share / all as f32;
+        let (few, views) = mark(&mut data, 2, 10, 0);
+        let often = few / evenly;
+        assert!(
+            (0.7..1.4).contains(&(often / ALIKE_TIMES)),
+            "{often} times as often"
+        );
+        assert!(views.iter().all(|view| *view == 2));
+        mark(&mut data, 2, 80, 10);
+        let (many, views) = mark(&mut data, 4, 80, 0);
+        assert!(many > ALIKE_SHARE && many < 2.0 * ALIKE_SHARE, "{many}");
+        assert!(views.contains(&2) && views.contains(&4));
+    }
 }

@@ -340,21 +340,7 @@ fn pixel_losses(
         add_masks(targets.collect(), weights.mask_trusted);
     }
     if weights.hidden > 0.0 && config.model.blend == Blend::Sample {
-        let n = batch.rays.len() as f32;
-        let visible = batch.shown.iter().enumerate().map(|(ray, shown)| {
-            let background = known.box_background.get(ray).copied().unwrap_or(0.0);
-            match shown {
-                Shown::No => 0.0,
-                _ => bare(background) / n,
-            }
-        });
-        let visible = losses.know(visible);
-        // Of the surface, whoever draws the matte: an alpha head that holds back hides nothing.
-        let hidden = RowLoss::Shortfall {
-            seen: column::MATTE,
-            most: column::OBJECT_OPACITY,
-        };
-        losses.add(hidden, visible, weights.hidden, |losses| &mut losses.hidden);
+        add_hidden(&mut losses, batch, known.box_background, weights.hidden);
     }
     if known.spread.is_some() {
         let mean = losses.mean();
@@ -368,6 +354,34 @@ fn pixel_losses(
         add_marks(1, schedule.far_weight, |losses| &mut losses.far);
     }
     losses
+}
+
+/// What stands before the object where a mask or colours show it. Of the surface, whoever draws the matte: an alpha head that
+/// holds back hides nothing.
+fn add_hidden(losses: &mut PixelLosses, batch: &RayBatch, box_background: &[f32], weight: f32) {
+    let n = batch.rays.len() as f32;
+    let by_mask = batch.shown.iter().enumerate().map(|(ray, shown)| {
+        let background = box_background.get(ray).copied().unwrap_or(0.0);
+        match shown {
+            Shown::ByMask => bare(background) / n,
+            Shown::ByColour | Shown::No => 0.0,
+        }
+    });
+    let by_mask = losses.know(by_mask);
+    let hidden = RowLoss::Shortfall {
+        seen: column::MATTE,
+        most: column::OBJECT_OPACITY,
+    };
+    losses.add(hidden, by_mask, weight, |losses| &mut losses.hidden);
+    let by_colour = |shown: &Shown| f32::from(u8::from(*shown == Shown::ByColour));
+    if batch.shown.contains(&Shown::ByColour) {
+        // Where something opaque hides it, a shortfall has no gradient left; its logarithm has.
+        let opacity = column::MATTE;
+        let mask = losses.know(batch.shown.iter().map(by_colour));
+        let pixels = losses.know(batch.shown.iter().map(|shown| by_colour(shown) / n));
+        let hidden = RowLoss::Mask { opacity, mask };
+        losses.add(hidden, pixels, weight, |losses| &mut losses.hidden);
+    }
 }
 
 /// The eikonal loss of samples with these `rows`, whose last column is the normal's length.
