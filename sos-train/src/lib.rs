@@ -59,6 +59,7 @@ pub mod doctor;
 pub mod error;
 pub mod export;
 pub mod job;
+mod likelihood;
 pub mod live;
 mod mean;
 mod median;

@@ -16,7 +16,6 @@ mod hanging;
 pub mod hint;
 mod humps;
 mod judge;
-mod likelihood;
 mod look;
 pub mod masks;
 mod network;

@@ -1,16 +1,16 @@
 //! From the masks of a few views to all that is the object: labels spread over the surface that was learnt.
 //!
 //! What a masked view shows is the object's or is not. What none of them shows is like what it hangs together with in the
-//! same colours ([`network`](super::network)), and like what its own colour mostly is ([`likelihood`](super::likelihood)).
+//! same colours ([`network`](super::network)), and like what its own colour mostly is ([`likelihood`](crate::likelihood)).
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::judge::{Judge, Saying};
-use super::likelihood::Colours;
 use super::masks;
 use super::network::Network;
 use super::parts::{PartSet, voxel};
+use crate::likelihood::Colours;
 use crate::prepare::Prepared;
 use crate::prepare::mask::Mask;
 use crate::train::carve::depth::DepthPicture;

@@ -2,8 +2,8 @@
 //!
 //! BaCo may explain some photos by a flake before their cameras, painted like the object, and no other view contradicts it: where few
 //! photos were taken, or where most of a room contradicts itself, as behind a turntable. Colours do: what FoCoR has behind the flake is
-//! what the photo shows. What does stand before the object has other colours, unless all is dark: so other views have to show that very
-//! place of FoCoR. A skirt of it below a table is hidden from all of them.
+//! what the photo shows. What does stand before the object has other colours, unless all is dark: so they have to be the object's rather
+//! than what is around it, and other views have to show that very place of FoCoR. A skirt of it below a table is hidden from nearly all.
 
 use glam::{Affine3A, Vec2, Vec3};
 use neus_render::rays::Ray;
@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::Trainer;
 use super::raster::Raster;
+use crate::likelihood::Colours;
 use crate::prepare::outline::Outline;
 use crate::prepare::spans::PixelSpans;
 use crate::prepare::{Prepared, TrainView};
@@ -33,6 +34,8 @@ const LEAST_WITNESSES: usize = 2;
 const SAME_PLACE: f32 = 0.03;
 /// Colours that differ by less are alike: root mean square over the channels, sRGB.
 const ALIKE: f32 = 0.1;
+/// How likely a colour has to be the object's rather than of what is around it.
+const TELLING: f32 = 0.5;
 
 impl Trainer {
     /// Now and then notes which pixels have the object's colours: there nothing is to hide it.
@@ -45,10 +48,14 @@ impl Trainer {
         let stride = (pixels as f32 / RAYS).sqrt().ceil() as u32;
         let scene = self.freeze();
         let views = (0..data.views.len()).into_par_iter();
-        let found: Vec<PixelSpans> = views
-            .map(|view| {
+        let glances: Vec<Glance> = (views.clone())
+            .map(|view| Glance::at(&Viewpoint::at(data, view), &scene, stride))
+            .collect();
+        let colours = Colours::new(glances.iter().flat_map(|glance| &glance.known).copied());
+        let found: Vec<PixelSpans> = (views.zip(&glances))
+            .map(|(view, glance)| {
                 let shown = |places: &[Vec3]| are_shown(&scene, data, view, places);
-                hidden_alike(&scene, data, view, stride, shown)
+                hidden_alike(&scene, data, view, glance, &colours, shown)
             })
             .collect();
         if found.iter().all(PixelSpans::is_empty) {
@@ -88,21 +95,27 @@ impl<'a> Viewpoint<'a> {
         }
     }
 
-    fn colour(&self, (x, y): (u32, u32)) -> [u8; 3] {
-        self.view.photo.get_pixel(x, y).0
+    /// In `[0, 1]`.
+    fn colour(&self, (x, y): (u32, u32)) -> Vec3 {
+        let colour = self.view.photo.get_pixel(x, y).0;
+        Vec3::from(colour.map(|value| f32::from(value) / 255.0))
     }
 
-    /// The squares of a raster, of those `among` which, where the object is expected, with the rays through their middles.
+    fn is_expected(&self, (x, y): (u32, u32)) -> bool {
+        self.outline.is_expected(x, y)
+    }
+
+    /// The squares of a raster, of those `among` which, with the rays through their middles.
     fn rays(&self, raster: &Raster, among: impl Fn((u32, u32)) -> bool) -> (Vec<usize>, Vec<Ray>) {
-        let expected = (0..raster.len()).filter_map(|i| {
+        let squares = (0..raster.len()).filter_map(|i| {
             let (x, y) = raster.middle(i);
-            if !self.outline.is_expected(x, y) || self.view.ignores(x, y) || !among((x, y)) {
+            if self.view.ignores(x, y) || !among((x, y)) {
                 return None;
             }
             let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
             Some((i, self.view.ray(&self.world_from_camera, centre)?))
         });
-        expected.unzip()
+        squares.unzip()
     }
 
     /// Those of some places that lie within the picture, with the rays to them.
@@ -116,32 +129,60 @@ impl<'a> Viewpoint<'a> {
     }
 }
 
+/// What is to be seen of FoCoR in a view, here and there.
+struct Glance {
+    stride: u32,
+    raster: Raster,
+    /// The squares where it is seen, or is not expected.
+    clear: Vec<bool>,
+    /// Colours of the photo, with how much of each is around the object, and its own.
+    known: Vec<(Vec3, [f32; 2])>,
+}
+
+impl Glance {
+    fn at(viewpoint: &Viewpoint<'_>, scene: &FrozenScene, stride: u32) -> Self {
+        let raster = Raster::of(viewpoint.view, stride);
+        let (squares, rays) = viewpoint.rays(&raster, |_| true);
+        let mut clear = vec![true; raster.len()];
+        let mut known = Vec::with_capacity(squares.len());
+        for (i, matte) in squares.into_iter().zip(scene.mattes(&rays)) {
+            let pixel = raster.middle(i);
+            clear[i] = matte >= HIDDEN || !viewpoint.is_expected(pixel);
+            known.push((viewpoint.colour(pixel), [1.0 - matte, matte]));
+        }
+        Self {
+            stride,
+            raster,
+            clear,
+            known,
+        }
+    }
+}
+
 /// The pixels of a view on which FoCoR is hidden though the photo has its colours, all around as well, where it is `shown` by others.
 fn hidden_alike(
     scene: &FrozenScene,
     data: &Prepared,
     number: usize,
-    stride: u32,
+    glance: &Glance,
+    colours: &Colours,
     shown: impl Fn(&[Vec3]) -> Vec<bool>,
 ) -> PixelSpans {
-    let viewpoint = Viewpoint::at(data, number);
-    let coarse = Raster::of(viewpoint.view, stride);
-    let (squares, rays) = viewpoint.rays(&coarse, |_| true);
-    let mut clear = vec![true; coarse.len()];
-    for (&i, matte) in squares.iter().zip(scene.mattes(&rays)) {
-        clear[i] = matte >= HIDDEN;
-    }
-    if !clear.contains(&false) {
+    if !glance.clear.contains(&false) {
         return PixelSpans::default();
     }
-    let clear = coarse.well_inside(&clear);
-    let raster = Raster::of(viewpoint.view, stride / CLOSER);
-    let (squares, rays) = viewpoint.rays(&raster, |pixel| !clear[coarse.square(pixel)]);
+    let viewpoint = Viewpoint::at(data, number);
+    let clear = glance.raster.well_inside(&glance.clear);
+    let raster = Raster::of(viewpoint.view, glance.stride / CLOSER);
+    let (squares, rays) = viewpoint.rays(&raster, |pixel| {
+        viewpoint.is_expected(pixel) && !clear[glance.raster.square(pixel)]
+    });
     // By itself, as behind what hides it nobody asks for it.
     let objects = scene.objects(&rays);
     let mut alike = vec![false; raster.len()];
     for (&i, object) in squares.iter().zip(&objects) {
-        alike[i] = is_alike(object, viewpoint.colour(raster.middle(i)));
+        let colour = viewpoint.colour(raster.middle(i));
+        alike[i] = is_alike(object, colour) && colours.object(colour).0 >= TELLING;
     }
     let alike = raster.opened(&alike);
     let (mut places, mut hidden) = (Vec::new(), Vec::new());
@@ -159,26 +200,29 @@ fn hidden_alike(
     raster.pixels(&found)
 }
 
-/// Whether views other than `number` show FoCoR at each of these places.
+/// Whether views other than `number` show FoCoR at each of these places, more of them than something hides it from.
 fn are_shown(scene: &FrozenScene, data: &Prepared, number: usize, places: &[Vec3]) -> Vec<bool> {
     let all = data.views.len();
     let asked = WITNESSES.min(all - 1);
-    let mut shown = vec![0; places.len()];
+    let mut shown = vec![(0, 0); places.len()];
     for view in (0..asked).map(|k| (number + 1 + k * (all - 1) / asked) % all) {
         let witness = Viewpoint::at(data, view);
         let (asked, rays) = witness.rays_to(places, data);
-        for ((&i, ray), met) in asked.iter().zip(&rays).zip(scene.render(&rays)) {
+        let met = scene.objects(&rays);
+        for (((&i, ray), met), matte) in asked.iter().zip(&rays).zip(met).zip(scene.mattes(&rays)) {
             let off = (ray.at(met.object_distance) - places[i]).length();
-            shown[i] += usize::from(met.matte >= HIDDEN && off < SAME_PLACE);
+            if met.matte >= HIDDEN && off < SAME_PLACE {
+                let (shown, hidden) = &mut shown[i];
+                *(if matte >= HIDDEN { shown } else { hidden }) += 1;
+            }
         }
     }
-    let enough = |shown: usize| shown >= LEAST_WITNESSES;
-    shown.into_iter().map(enough).collect()
+    let most = |(shown, hidden): (usize, usize)| shown >= LEAST_WITNESSES && shown > hidden;
+    shown.into_iter().map(most).collect()
 }
 
 /// Whether a photo's colour is the one that a ray met of the object, and it met it.
-fn is_alike(met: &RenderedRay, colour: [u8; 3]) -> bool {
-    let photo = Vec3::from(colour.map(|value| f32::from(value) / 255.0));
+fn is_alike(met: &RenderedRay, photo: Vec3) -> bool {
     let off = (met.object - photo).length() / 3.0_f32.sqrt();
     met.matte >= FILLED && off < ALIKE
 }
@@ -239,17 +283,25 @@ mod tests {
             let mut data = tiny::prepared(&config, &unmasked);
             let foggy = trainer(&config, &data, true).freeze();
             paint(&mut data, &foggy);
-            let find = |scene: &FrozenScene, witness: bool| {
-                hidden_alike(scene, &data, 0, 1, |places| vec![witness; places.len()])
+            let find = |scene: &FrozenScene, witness: bool, telling: bool| {
+                let viewpoint = Viewpoint::at(&data, 0);
+                let mut glance = Glance::at(&viewpoint, scene, 1);
+                // All that the photo shows is of the object alone, or of what is around it alone.
+                let known = if telling { [0.0, 1.0] } else { [1.0, 0.0] };
+                glance.known.iter_mut().for_each(|colour| colour.1 = known);
+                let colours = Colours::new(glance.known.iter().copied());
+                let shown = |places: &[Vec3]| vec![witness; places.len()];
+                hidden_alike(scene, &data, 0, &glance, &colours, shown)
             };
-            let found = find(&foggy, true);
+            let found = find(&foggy, true, true);
             let width = data.views[0].width();
             assert!(found.len() > 20, "{} pixels", found.len());
             assert!(found.iter().all(|i| i % width < width / 2), "{found:?}");
-            // Not where others do not show it, nor where it is seen.
-            assert!(find(&foggy, false).is_empty());
+            // Not where others do not show it or colours say nothing, nor where it is seen.
+            assert!(find(&foggy, false, true).is_empty());
+            assert!(find(&foggy, true, false).is_empty());
             let clear = trainer(&config, &data, false).freeze();
-            assert!(find(&clear, true).is_empty());
+            assert!(find(&clear, true, true).is_empty());
 
             // What else is known of them is as it was.
             let before = data.outlines[0].clone();
@@ -286,7 +338,8 @@ mod tests {
                 trainer.step(&data);
             }
             let viewpoint = Viewpoint::at(&data, 0);
-            let (_, rays) = viewpoint.rays(&Raster::of(viewpoint.view, 2), |_| true);
+            let raster = Raster::of(viewpoint.view, 2);
+            let (_, rays) = viewpoint.rays(&raster, |pixel| viewpoint.is_expected(pixel));
             let scene = trainer.freeze();
             scene.mattes(&rays).iter().sum::<f32>() / rays.len() as f32
         };
@@ -302,7 +355,8 @@ mod tests {
         for fog in [false, true] {
             let scene = trainer(&config, &data, fog).freeze();
             let viewpoint = Viewpoint::at(&data, 3);
-            let (_, rays) = viewpoint.rays(&Raster::of(viewpoint.view, 2), |_| true);
+            let raster = Raster::of(viewpoint.view, 2);
+            let (_, rays) = viewpoint.rays(&raster, |pixel| viewpoint.is_expected(pixel));
             let met = rays.iter().zip(scene.objects(&rays));
             let met = met.filter(|(_, met)| met.matte >= FILLED);
             let places: Vec<Vec3> = met.map(|(ray, met)| ray.at(met.object_distance)).collect();

@@ -8,14 +8,14 @@ const LEVELS: usize = 12;
 const LEAST_SHARE: f32 = 1e-3;
 
 /// How often each colour is the object's where that is known.
-pub(super) struct Colours {
+pub(crate) struct Colours {
     /// Of each bin, its share of what is not the object's, and of the object.
     shares: Vec<[f32; 2]>,
 }
 
 impl Colours {
     /// Of colours (sRGB in `[0, 1]`), each with how sure it is not the object's and how sure it is.
-    pub(super) fn new(known: impl Iterator<Item = (Vec3, [f32; 2])>) -> Self {
+    pub(crate) fn new(known: impl Iterator<Item = (Vec3, [f32; 2])>) -> Self {
         let mut shares = vec![[0.0; 2]; LEVELS.pow(3)];
         let mut sums = [0.0; 2];
         for (colour, known) in known {
@@ -38,7 +38,7 @@ impl Colours {
     }
 
     /// How likely a colour is the object's, and how much that tells.
-    pub(super) fn object(&self, colour: Vec3) -> (f32, f32) {
+    pub(crate) fn object(&self, colour: Vec3) -> (f32, f32) {
         let [outside, inside] = self.shares[Self::bin(colour)];
         let likely = inside / (inside + outside);
         (likely, (2.0 * likely - 1.0).powi(2))
