@@ -16,6 +16,8 @@ const FOCAL_PER_WIDTH: f64 = 1.12;
 pub(crate) struct Shot {
     /// In the world, which is still where the target is.
     pub(crate) camera: Camera,
+    /// In the room, where light and furniture stay.
+    pub(crate) in_room: Camera,
     /// How far what can turn has turned in its room, radians about z.
     pub(crate) turn: f64,
 }
@@ -25,7 +27,11 @@ pub(crate) fn shots(stage: &Stage, config: &DemoConfig) -> Vec<Shot> {
     if config.kind == SceneKind::Turntable {
         return before_a_turntable(stage, config);
     }
-    let still = |camera| Shot { camera, turn: 0.0 };
+    let still = |camera| Shot {
+        camera,
+        in_room: camera,
+        turn: 0.0,
+    };
     handheld(stage, config).into_iter().map(still).collect()
 }
 
@@ -45,13 +51,7 @@ fn handheld(stage: &Stage, config: &DemoConfig) -> Vec<Camera> {
             let golden = (i as f64 + 0.35) * 0.618_033_988_749_895;
             let elevation = (25.5 + 24.0 * (golden - golden.floor())).to_radians();
             let distance = rng.range(0.575, 0.655);
-            let level = distance * libm::cos(elevation);
-            let eye = target
-                + DVec3::new(
-                    level * libm::cos(turn),
-                    level * libm::sin(turn),
-                    distance * libm::sin(elevation),
-                );
+            let eye = target + towards(elevation, turn, distance);
             let mut shake = |by: f64| rng.range(-by, by);
             let aim = target + DVec3::new(shake(0.022), shake(0.022), shake(0.015) - 0.008);
             let roll = shake(0.045);
@@ -59,6 +59,16 @@ fn handheld(stage: &Stage, config: &DemoConfig) -> Vec<Camera> {
             Camera::looking_at((config.width, config.height), focal, eye, aim, roll)
         })
         .collect()
+}
+
+/// What is so far away, by its elevation and its direction about z, radians.
+fn towards(elevation: f64, azimuth: f64, distance: f64) -> DVec3 {
+    let level = distance * libm::cos(elevation);
+    DVec3::new(
+        level * libm::cos(azimuth),
+        level * libm::sin(azimuth),
+        distance * libm::sin(elevation),
+    )
 }
 
 /// Three stands, one above the other; before each the turntable goes round once.
@@ -71,15 +81,8 @@ fn before_a_turntable(stage: &Stage, config: &DemoConfig) -> Vec<Shot> {
     let count = config.views.max(1);
     let mut shots = Vec::with_capacity(count);
     for (stand, (elevation, azimuth)) in STANDS.into_iter().enumerate() {
-        let (elevation, azimuth) = (elevation.to_radians(), azimuth.to_radians());
         let distance = rng.range(0.60, 0.66);
-        let level = distance * libm::cos(elevation);
-        let eye = target
-            + DVec3::new(
-                level * libm::cos(azimuth),
-                level * libm::sin(azimuth),
-                distance * libm::sin(elevation),
-            );
+        let eye = target + towards(elevation.to_radians(), azimuth.to_radians(), distance);
         let mut shake = |by: f64| rng.range(-by, by);
         let aim = target + DVec3::new(shake(0.015), shake(0.015), shake(0.01) - 0.008);
         let focal = FOCAL_PER_WIDTH * f64::from(config.width);
@@ -91,6 +94,7 @@ fn before_a_turntable(stage: &Stage, config: &DemoConfig) -> Vec<Shot> {
             let turn = part / here as f64 * core::f64::consts::TAU;
             shots.push(Shot {
                 camera: camera.before_turned(axis, turn),
+                in_room: camera,
                 turn,
             });
         }

@@ -8,7 +8,6 @@ use crate::camera::Camera;
 use crate::film::{Sample, ToneCurve, gather, jitter, quantise};
 use crate::lighting::{Visibility, radiance, vignette, visibility};
 use crate::noise::Rng;
-use crate::orbit::Shot;
 use crate::stage::{Hit, Seen, Stage, TABLE_CENTRE, TARGET};
 
 /// The pictures of one view.
@@ -41,23 +40,11 @@ impl SharedLight {
 /// Renders one view. `stream` separates the random numbers of different views.
 pub(crate) fn render(
     stage: &Stage,
-    shot: &Shot,
+    camera: &Camera,
     per_pixel: usize,
     seed: u64,
     stream: u64,
 ) -> Pictures {
-    // In the room's frame, where light and furniture stay.
-    let (turned, there);
-    let (stage, camera) = if shot.turn == 0.0 {
-        (stage, &shot.camera)
-    } else {
-        let axis = TABLE_CENTRE + stage.axis();
-        (turned, there) = (
-            stage.turned(shot.turn),
-            shot.camera.before_turned(axis, -shot.turn),
-        );
-        (&turned, &there)
-    };
     let size = (camera.width as usize, camera.height as usize);
     let mut samples = vec![Sample::default(); size.0 * size.1 * per_pixel];
     samples

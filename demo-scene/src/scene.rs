@@ -53,7 +53,8 @@ pub fn generate(config: &DemoConfig) -> DemoScene {
         .enumerate()
         .map(|(index, shot)| {
             let per_pixel = config.samples_per_pixel.max(1) as usize;
-            let pictures = render(&stage, shot, per_pixel, config.seed, index as u64);
+            let turned = stage.turned(shot.turn);
+            let pictures = render(&turned, &shot.in_room, per_pixel, config.seed, index as u64);
             DemoView {
                 name: format!("{index:03}.png"),
                 camera: shot.camera,

@@ -77,6 +77,10 @@ impl Stage {
     /// The same with the target and the turntable turned by `turn` radians.
     pub(crate) fn turned(&self, turn: f64) -> Self {
         let mut stage = self.clone();
+        if turn == 0.0 {
+            // Turning by nothing would still round.
+            return stage;
+        }
         for prop in &mut stage.props {
             if let Thing::Target(_) | Thing::Clutter(Clutter::Turntable { .. }) = prop.thing {
                 *prop = prop.turned(self.axis(), turn);
