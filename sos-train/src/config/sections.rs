@@ -190,8 +190,8 @@ pub struct LossConfig {
     pub distortion: f32,
     /// Weight of light coming from far outside the box, while BaCo finds the geometry.
     pub far: f32,
-    /// Weight of what hides the object where its mask says that it is to be seen; less where light comes from the background in
-    /// the box.
+    /// Weight of what hides the object where its mask says that it is to be seen, less where light comes from the background in
+    /// the box, and where its colours show it.
     pub hidden: f32,
     /// Weight of distance = 0 at sparse points on the object.
     pub points: f32,

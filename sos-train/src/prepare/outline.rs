@@ -85,13 +85,15 @@ impl Outline {
 
     /// Marks pixels that have the object's colours, of those where it is [expected](Self::is_expected).
     pub fn mark_alike(&mut self, pixels: &PixelSpans) {
-        let masked = self.masked;
-        self.relabel(pixels, |byte| match Label::from_byte(byte) {
-            Label::Object if masked => ALIKE_MASKED,
-            Label::DoubtfulObject if !masked => ALIKE_OBJECT,
-            _ => byte,
-        });
-        self.alike = self.alike.united(pixels);
+        let mut shown = PixelSpans::default();
+        let expected = |i: &u32| self.is_expected(i % self.width, i / self.width);
+        pixels.iter().filter(expected).for_each(|i| shown.push(i));
+        let alike = match self.masked {
+            true => ALIKE_MASKED,
+            false => ALIKE_OBJECT,
+        };
+        self.relabel(&shown, |_| alike);
+        self.alike = self.alike.united(&shown);
     }
 
     /// What says that the object is to be seen on a pixel.
@@ -446,6 +448,7 @@ mod tests {
         }
         let mut coloured = aside.clone();
         coloured.mark_alike(&alike);
+        assert!(!coloured.alike.is_empty() && coloured.alike.len() < alike.len());
         let by_colour = Shown::ByColour;
         assert_eq!(shown(&coloured), [by_colour, by_colour, no, no]);
         assert_eq!(coloured.label(26, 24), Label::DoubtfulObject);

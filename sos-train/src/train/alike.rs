@@ -73,7 +73,7 @@ impl Trainer {
         let views = data.outlines.par_iter_mut().zip(alike).zip(found);
         views.for_each(|((outline, alike), found)| {
             outline.mark_alike(found);
-            *alike = alike.united(found);
+            alike.clone_from(&outline.alike);
         });
     }
 }
@@ -131,7 +131,6 @@ impl<'a> Viewpoint<'a> {
 
 /// What is to be seen of FoCoR in a view, here and there.
 struct Glance {
-    stride: u32,
     raster: Raster,
     /// The squares where it is seen, or is not expected.
     clear: Vec<bool>,
@@ -151,7 +150,6 @@ impl Glance {
             known.push((viewpoint.colour(pixel), [1.0 - matte, matte]));
         }
         Self {
-            stride,
             raster,
             clear,
             known,
@@ -173,7 +171,7 @@ fn hidden_alike(
     }
     let viewpoint = Viewpoint::at(data, number);
     let clear = glance.raster.well_inside(&glance.clear);
-    let raster = Raster::of(viewpoint.view, glance.stride / CLOSER);
+    let raster = glance.raster.closer(CLOSER);
     let (squares, rays) = viewpoint.rays(&raster, |pixel| {
         viewpoint.is_expected(pixel) && !clear[glance.raster.square(pixel)]
     });

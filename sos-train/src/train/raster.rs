@@ -18,7 +18,11 @@ pub(super) struct Raster {
 impl Raster {
     /// Squares of `stride` pixels a side, at least one.
     pub(super) fn of(view: &TrainView, stride: u32) -> Self {
-        let (width, height, stride) = (view.width(), view.height(), stride.max(1));
+        Self::over((view.width(), view.height()), stride)
+    }
+
+    fn over((width, height): (u32, u32), stride: u32) -> Self {
+        let stride = stride.max(1);
         Self {
             stride,
             columns: width.div_ceil(stride),
@@ -26,6 +30,11 @@ impl Raster {
             width,
             height,
         }
+    }
+
+    /// The same pixels in squares of which so many are as long as one of these, at least of one pixel.
+    pub(super) fn closer(&self, times: u32) -> Self {
+        Self::over((self.width, self.height), self.stride / times)
     }
 
     /// How many there are.
@@ -82,13 +91,9 @@ mod tests {
     #[test]
     fn squares_cover_a_picture_that_they_do_not_fit() {
         // 3 x 2 squares, the last ones cut off.
-        let raster = Raster {
-            stride: 4,
-            columns: 3,
-            rows: 2,
-            width: 9,
-            height: 6,
-        };
+        let raster = Raster::over((9, 6), 4);
+        assert_eq!(raster.closer(2).len(), 15);
+        assert_eq!(raster.closer(8).len(), 54);
         let middles: Vec<_> = (0..raster.len()).map(|i| raster.middle(i)).collect();
         assert_eq!(middles, [(2, 2), (6, 2), (8, 2), (2, 5), (6, 5), (8, 5)]);
         assert!((0..raster.len()).all(|i| raster.square(raster.middle(i)) == i));
@@ -104,13 +109,7 @@ mod tests {
     #[test]
     fn opening_leaves_out_what_is_thin() {
         // A block of 3 x 3 squares, of which the corners are thin, and a line beside it.
-        let raster = Raster {
-            stride: 1,
-            columns: 8,
-            rows: 5,
-            width: 8,
-            height: 5,
-        };
+        let raster = Raster::over((8, 5), 1);
         let block = |i: usize| (1..4).contains(&(i % 8)) && (1..4).contains(&(i / 8));
         let corner = |i: usize| i % 8 != 2 && i / 8 != 2;
         let line = |i: usize| i % 8 == 6;
