@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::parts::{PartSet, Parts};
 use super::region;
-use super::spread::spread;
+use super::spread::spread_masks;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask::Mask;
 use crate::prepare::{Frame, Prepared, TrainView};
@@ -262,7 +262,7 @@ impl Hint {
                         ))
                     })
             }
-            Self::Masks(masks) => spread(masks, data, depths, solid).ok_or_else(|| {
+            Self::Masks(masks) => spread_masks(masks, data, depths, solid).ok_or_else(|| {
                 PrepareError::Scene(
                     "where the few masks are white, nothing was found in the region around it; mask more photos, or \
                      give the region with --masks none and --box"

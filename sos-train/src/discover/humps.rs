@@ -237,16 +237,10 @@ impl Witness {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
+    use glam::DVec3;
 
-    use glam::{DMat3, DQuat, DVec3};
-    use image::{Rgb, RgbImage};
-    use io_colmap::{Camera, CameraModel, Pose};
-    use neus_render::rays::Ray;
-
+    use super::super::staged::{Ball, Stage, TABLE};
     use super::*;
-    use crate::prepare::pixels::PixelStore;
-    use crate::prepare::view::Lens;
 
     const N: usize = 64;
     const GROUND: Plane = Plane {
@@ -254,65 +248,10 @@ mod tests {
         offset: -0.4,
         thickness: 0.03,
     };
-    /// What is beside the middle to both sides, and its colour: a thing of its own, and a hump that only depths show.
+    /// What is beside the middle to both sides: a thing of another colour, and a hump of the ground's.
     const THING: Vec3 = Vec3::new(-0.4, 0.0, -0.45);
     const HUMP: Vec3 = Vec3::new(0.4, 0.0, -0.45);
     const RADIUS: f32 = 0.2;
-
-    fn to_ground(ray: &Ray) -> f32 {
-        (GROUND.offset - ray.origin.z) / ray.direction.z.min(-1e-6)
-    }
-
-    /// Where a ray meets a ball, a part of which lies above the ground.
-    fn to_ball(ray: &Ray, centre: Vec3) -> Option<f32> {
-        let to = centre - ray.origin;
-        let along = to.dot(ray.direction);
-        let inside = RADIUS * RADIUS - to.length_squared() + along * along;
-        let distance = (inside > 0.0).then(|| along - inside.sqrt())?;
-        (distance < to_ground(ray)).then_some(distance)
-    }
-
-    fn camera(angle: f64) -> TrainView {
-        let centre = DVec3::new(2.5 * angle.cos(), 2.5 * angle.sin(), 1.6);
-        let z = -centre.normalize();
-        let x = z.cross(DVec3::Z).normalize();
-        let world_from_camera = DQuat::from_mat3(&DMat3::from_cols(x, z.cross(x), z));
-        let rotation = world_from_camera.inverse();
-        let store = PixelStore::new(&std::env::temp_dir());
-        let mut view = TrainView {
-            name: format!("{angle}"),
-            lens: Lens(Camera {
-                id: 1,
-                model: CameraModel::Pinhole,
-                width: 120,
-                height: 120,
-                params: vec![130.0, 130.0, 60.0, 60.0],
-            }),
-            camera_from_world: Pose {
-                rotation,
-                translation: -(rotation * centre),
-            },
-            photo: store.keep_photo(RgbImage::new(120, 120)).unwrap(),
-            mask: None,
-            ignored: None,
-            store,
-        };
-        let frame = Frame {
-            centre: DVec3::ZERO,
-            half_side: 1.0,
-        };
-        let pose = view.world_from_camera(&frame);
-        let photo = RgbImage::from_fn(120, 120, |x, y| {
-            let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-            let ray = view.ray(&pose, pixel).unwrap();
-            match to_ball(&ray, THING) {
-                Some(_) => Rgb([200, 60, 40]),
-                None => Rgb([90, 80, 70]),
-            }
-        });
-        view.photo = view.store.keep_photo(photo).unwrap();
-        view
-    }
 
     #[test]
     fn a_hump_is_taken_away_and_a_thing_of_another_colour_stays() {
@@ -320,32 +259,31 @@ mod tests {
             centre: DVec3::ZERO,
             half_side: 1.0,
         };
-        let views: Vec<TrainView> = (0..12).map(|i| camera(0.52 * f64::from(i))).collect();
+        let ball = |centre, colour| Ball {
+            centre,
+            radius: RADIUS,
+            colour,
+        };
+        let photographed = Stage {
+            table: GROUND.offset,
+            balls: vec![ball(THING, [200, 60, 40])],
+        };
+        // As it was learnt.
+        let stage = Stage {
+            table: GROUND.offset,
+            balls: vec![ball(THING, [200, 60, 40]), ball(HUMP, TABLE)],
+        };
+        let views: Vec<TrainView> = (0..12)
+            .map(|i| 0.52 * f64::from(i))
+            .map(|angle| DVec3::new(2.5 * angle.cos(), 2.5 * angle.sin(), 1.6))
+            .map(|from| photographed.photo(from))
+            .collect();
         let depths: Vec<DepthPicture> = views
             .iter()
-            .map(|view| {
-                let pose = view.world_from_camera(&frame);
-                let mut picture = DepthPicture {
-                    stride: 1,
-                    width: view.width(),
-                    distances: vec![f32::INFINITY; 120 * 120],
-                };
-                for i in 0..picture.distances.len() {
-                    let ray = view.ray(&pose, picture.pixel(i)).unwrap();
-                    picture.distances[i] = [THING, HUMP]
-                        .into_iter()
-                        .filter_map(|centre| to_ball(&ray, centre))
-                        .fold(to_ground(&ray), f32::min);
-                }
-                picture
-            })
+            .map(|view| stage.depths(view, &frame))
             .collect();
         let mut solid: Vec<f32> = (0..N.pow(3))
-            .map(|cell| {
-                let p = ProbabilityMap::centre(N, cell);
-                let balls = [THING, HUMP].map(|centre| p.distance(centre) - RADIUS);
-                balls.into_iter().fold(GROUND.height(p), f32::min)
-            })
+            .map(|cell| stage.distance(ProbabilityMap::centre(N, cell)))
             .collect();
         let before = solid.clone();
         flatten(&mut solid, N, &GROUND, &Eyes::new(&views, &frame, &depths));

@@ -3,13 +3,16 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
+use image::GrayImage;
 use io_colmap::SparsePoint;
 use scene_decomp::probability::ProbabilityMap;
 
+use super::beyond::{is_within, seen_from, spread_beyond};
 use super::hint::Hint;
 use super::humps;
+use super::masks;
 use super::parts::{PartSet, Parts};
-use super::plane;
+use super::plane::{self, Plane};
 use super::region;
 use crate::config::TrainConfig;
 use crate::prepare::error::PrepareError;
@@ -44,9 +47,11 @@ pub(super) struct Look {
     /// What it was chosen from.
     pub(super) parts: Parts,
     /// The fused distances of what was learnt, `[RESOLUTION^3]`, without humps.
-    solid: Vec<f32>,
-    /// Whether there was a ground to be taken away.
-    pub(super) has_ground: bool,
+    pub(super) solid: Vec<f32>,
+    /// What was taken away.
+    pub(super) ground: Option<Plane>,
+    /// The look at a smaller region whose object this one's goes on from: it has what lies there.
+    within: Option<Box<Self>>,
 }
 
 impl Look {
@@ -73,6 +78,17 @@ impl Look {
             progress(trainer.step_number(), config.steps);
         }
         let depths = depth_pictures(&trainer.freeze_before(), &data, RAYS);
+        Self::of_depths(data, depths, points, hint, config.seed).map(Some)
+    }
+
+    /// Chooses the object in what the views of `data` show, by their depths.
+    fn of_depths(
+        data: Prepared,
+        depths: Vec<DepthPicture>,
+        points: &[SparsePoint],
+        hint: &Hint,
+        seed: u64,
+    ) -> Result<Self, PrepareError> {
         let mut solid = fuse(&data, &depths, &data.map, 0.5, f32::INFINITY);
         let cameras: Vec<Vec3> = data
             .views
@@ -84,9 +100,9 @@ impl Look {
             .map(|point| data.frame.normalised_from_world(point.position))
             .collect();
         let surface = plane::surface_points(&solid, RESOLUTION);
-        let ground = match plane::ground(&sparse, &cameras, config.seed) {
+        let ground = match plane::ground(&sparse, &cameras, seed) {
             Some(ground) => Some(plane::settled(ground, &surface, &cameras)),
-            None => plane::ground_of_surface(&surface, &cameras, config.seed),
+            None => plane::ground_of_surface(&surface, &cameras, seed),
         };
         if let Some(ground) = &ground {
             let eyes = humps::Eyes::new(&data.views, &data.frame, &depths);
@@ -95,14 +111,15 @@ impl Look {
         hint.clip(&mut solid, RESOLUTION, &data.frame);
         let parts = Parts::new(&solid, RESOLUTION, ground.as_ref(), upwards(&data));
         let chosen = hint.choose(&parts, &data, &depths, &solid)?;
-        Ok(Some(Self {
+        Ok(Self {
             data,
             depths,
             chosen,
             parts,
             solid,
-            has_ground: ground.is_some(),
-        }))
+            ground,
+            within: None,
+        })
     }
 
     /// Whether the object goes on beyond the region, unless the region is the user's; see [`PartSet::goes_on`].
@@ -140,6 +157,49 @@ impl Look {
                 .ok()?;
             (core.goes_on().is_none() && core.central() >= least).then_some(core)
         })
+    }
+
+    /// The object of `before` where it hangs together with too much in this wider look: what it was and what of it lies beyond, if that
+    /// ends here. Gives `before` back otherwise.
+    pub(super) fn going_on_from(mut self, before: Self, hint: &Hint) -> Result<Self, Box<Self>> {
+        if before.goes_on(hint) && before.parted(hint).is_some() {
+            return Err(Box::new(before));
+        }
+        match spread_beyond(&before, &self) {
+            Some(object) if object.goes_on().is_none() => self.chosen = object,
+            _ => return Err(Box::new(before)),
+        }
+        if !self.shows_more_of(&before) {
+            return Err(Box::new(before));
+        }
+        self.within = Some(Box::new(before));
+        Ok(self)
+    }
+
+    /// Whether its object was found in a smaller region, and went on from there.
+    pub(super) fn goes_beyond_another(&self) -> bool {
+        self.within.is_some()
+    }
+
+    /// The look in which its object was chosen from parts.
+    pub(super) fn first(&self) -> &Self {
+        self.within.as_deref().unwrap_or(self)
+    }
+
+    /// White where a view, by its number, shows the object.
+    pub(super) fn mask(&self, view: usize) -> GrayImage {
+        let (photo, depth) = (&self.data.views[view], &self.depths[view]);
+        let Some(within) = &self.within else {
+            return masks::project(photo, &self.data.frame, depth, |p| self.chosen.contains(p));
+        };
+        let mut mask = masks::project(photo, &self.data.frame, depth, |p| {
+            self.chosen.contains(p) && !is_within(seen_from(within, self, p))
+        });
+        let there = within.mask(view);
+        for (pixel, there) in mask.iter_mut().zip(there.iter()) {
+            *pixel = (*pixel).max(*there);
+        }
+        mask
     }
 
     /// Whether this is the same object, and less of it lies beyond the region.
@@ -195,5 +255,85 @@ fn prepared(views: &[TrainView], frame: Frame, config: &TrainConfig) -> Prepared
         quorum: Quorum::OfAll,
         points: Vec::new(),
         notes: Vec::new(),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use glam::DVec3;
+
+    use super::super::staged::{Ball, Stage};
+    use super::*;
+    use crate::config::Preset;
+
+    const NEAR: Vec3 = Vec3::new(-0.15, 0.0, 0.0);
+    const FAR: Vec3 = Vec3::new(0.35, 0.0, -0.15);
+    const OTHER: Vec3 = Vec3::new(0.73, 0.0, -0.15);
+    const OBJECT: [u8; 3] = [200, 60, 40];
+
+    /// An object of two balls on a table, and another thing that touches it.
+    fn stage() -> Stage {
+        let ball = |centre, radius, colour| Ball {
+            centre,
+            radius,
+            colour,
+        };
+        Stage {
+            table: -0.35,
+            balls: vec![
+                ball(NEAR, 0.35, OBJECT),
+                ball(FAR, 0.2, OBJECT),
+                ball(OTHER, 0.2, [40, 60, 200]),
+            ],
+        }
+    }
+
+    fn look(stage: &Stage, views: &[TrainView], region: Frame) -> Look {
+        let config = TrainConfig::preset(Preset::Default);
+        let data = prepared(views, region, &config);
+        let depths = views.iter().map(|view| stage.depths(view, &region));
+        Look::of_depths(data, depths.collect(), &[], &Hint::Nothing, 1).unwrap()
+    }
+
+    #[test]
+    fn an_object_is_followed_beyond_its_region_and_no_further_than_it_goes() {
+        let stage = stage();
+        let views: Vec<TrainView> = (0..24)
+            .map(|i| (0.26 * f64::from(i), if i % 2 == 0 { 0.6 } else { 2.0 }))
+            .map(|(angle, height)| DVec3::new(2.5 * angle.cos(), 2.5 * angle.sin(), height))
+            .map(|from| stage.photo(from))
+            .collect();
+        let region = Frame {
+            centre: DVec3::new(-0.05, 0.0, 0.0),
+            half_side: 0.5,
+        };
+        let near = look(&stage, &views, region);
+        let there = |look: &Look, world: Vec3| {
+            let point = look.data.frame.normalised_from_world(world.as_dvec3());
+            look.chosen.contains(point)
+        };
+        let on = |ball: Vec3, radius: f32, way: Vec3| ball + (radius - 0.005) * way.normalize();
+        let beyond = on(FAR, 0.2, Vec3::new(0.8, 0.0, 1.0));
+        let other = on(OTHER, 0.2, Vec3::new(-0.5, 0.0, 1.0));
+        let first = on(NEAR, 0.35, Vec3::new(-0.3, 0.2, 1.0));
+        assert!(there(&near, first) && !there(&near, beyond));
+        let larger = near.region_beyond(&Hint::Nothing).unwrap();
+        let wider = look(&stage, &views, larger);
+        // There both are one thing.
+        assert!(there(&wider, beyond) && there(&wider, other));
+        let near_mask = near.mask(0);
+        let all = wider.going_on_from(near, &Hint::Nothing).ok().unwrap();
+        assert!(there(&all, first) && there(&all, beyond) && !there(&all, other));
+        assert!(all.goes_beyond_another() && all.region_beyond(&Hint::Nothing).is_none());
+        // The first photo's pixels that are the object's by their colour.
+        let wrong = |mask: &GrayImage| {
+            let pixels = views[0].photo.pixels().zip(mask.pixels());
+            pixels
+                .filter(|(photo, mask)| (photo.0 == OBJECT) != (mask.0[0] > 0))
+                .count()
+        };
+        let (before, after) = (wrong(&near_mask), wrong(&all.mask(0)));
+        assert!(after < 16 && 2 * after < before, "{before}, {after}");
     }
 }

@@ -3,7 +3,6 @@
 use glam::{Vec2, Vec3};
 use image::{GrayImage, Luma};
 
-use super::parts::PartSet;
 use crate::prepare::{Frame, TrainView};
 use crate::train::carve::depth::DepthPicture;
 
@@ -31,13 +30,13 @@ pub(super) fn points<'a>(
     })
 }
 
-/// White where `view` shows the object.
+/// White where `view` shows points that are the object.
 #[must_use]
 pub fn project(
     view: &TrainView,
     frame: &Frame,
     depth: &DepthPicture,
-    object: &PartSet,
+    is_object: impl Fn(Vec3) -> bool,
 ) -> GrayImage {
     let stride = depth.stride;
     let (width, height) = (
@@ -46,7 +45,7 @@ pub fn project(
     );
     let mut raster = GrayImage::new(width, height);
     for (pixel, point) in points(view, frame, depth) {
-        if object.contains(point) {
+        if is_object(point) {
             let x = (pixel.x as u32 / stride).min(width - 1);
             let y = (pixel.y as u32 / stride).min(height - 1);
             raster.put_pixel(x, y, Luma([255]));

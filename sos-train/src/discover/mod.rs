@@ -6,11 +6,12 @@
 //! that remain, the object is the one in the middle, or the one that a hint points at ([`parts`]). Where a few views have masks,
 //! the object is what they show and what hangs together with it instead, ground or not (`spread.rs`). Where it goes on beyond the region, a larger
 //! one is looked at in the same way; where that is of no use, it is parted from what hangs on it by thin bridges
-//! (`cores.rs`). Every view's pixels that show this part
+//! (`cores.rs`), or else followed from what it was to where it ends (`beyond.rs`). Every view's pixels that show this part
 //! are its rough mask ([`masks`]), and from there on a run is like any other.
 //!
 //! The whole of it is open point 5 of the method, which leaves the choice of the surface to the reader.
 
+mod beyond;
 mod cores;
 mod hanging;
 pub mod hint;
@@ -24,6 +25,8 @@ pub mod parts;
 pub mod plane;
 pub mod region;
 mod spread;
+#[cfg(test)]
+mod staged;
 mod standing;
 mod sweep;
 
@@ -93,8 +96,14 @@ pub fn find_object(
         match look_at(larger) {
             Ok(None) => return Ok(None),
             Ok(Some(wider)) if wider.shows_more_of(&look) => look = wider,
-            Ok(Some(_)) => {
-                refused = Some("a larger one showed no more of it".to_owned());
+            Ok(Some(wider)) => {
+                match wider.going_on_from(look, hint) {
+                    Ok(wider) => look = wider,
+                    Err(before) => {
+                        look = *before;
+                        refused = Some("a larger one showed no more of it".to_owned());
+                    }
+                }
                 break;
             }
             Err(error) => {
@@ -122,30 +131,27 @@ pub fn find_object(
             "the object reaches a side of that box; if a tip of it is cut off, give all of it with --box"
                 .to_owned(),
         )
+    } else if look.goes_beyond_another() {
+        Some(
+            "it went on beyond a smaller box, and what hangs together with it there belongs to it"
+                .to_owned(),
+        )
     } else {
         None
     };
-    let Look {
-        data,
-        depths,
-        chosen,
-        ..
-    } = &look;
+    let data = &look.data;
     let masks = data
         .views
         .iter()
-        .zip(depths)
-        .map(|(view, depth)| {
-            let mask = masks::project(view, &data.frame, depth, chosen);
-            Mask::of_white(&mask, &view.store)
-        })
+        .enumerate()
+        .map(|(number, view)| Mask::of_white(&look.mask(number), &view.store))
         .collect::<Result<_, _>>()?;
     let chosen_from = match hint {
         Hint::Masks(_) => String::new(),
         _ => format!(
             ", one of {} parts, {}",
-            look.parts.count(),
-            if look.has_ground {
+            look.first().parts.count(),
+            if look.first().ground.is_some() {
                 "without the ground it stands on"
             } else {
                 "where no ground was found"

@@ -1,4 +1,4 @@
-//! From the masks of a few views to all that is the object: labels spread over the surface that was learnt.
+//! From what is known of some of a surface, as by the masks of a few views, to all that is the object: labels spread over it.
 //!
 //! What a masked view shows is the object's or is not. What none of them shows is like what it hangs together with in the
 //! same colours ([`network`](super::network)), and like what its own colour mostly is ([`likelihood`](crate::likelihood)).
@@ -16,14 +16,14 @@ use crate::prepare::mask::Mask;
 use crate::train::carve::depth::DepthPicture;
 use crate::voxels::{components, neighbours};
 
-/// How a voxel holds to what masked views say of it, to how often its colour is the object's, and to not being the
+/// How a voxel holds to what is said of it, to how often its colour is the object's, and to not being the
 /// object where a mask has no white in front of it, all over how it holds to a neighbour of its colour.
 const HOLD_SEEN: f32 = 10.0;
 const HOLD_COLOUR: f32 = 0.02;
 const HOLD_ASIDE: f32 = 0.1;
 /// Where nothing is known a voxel holds to nothing, but labels have to be somewhere where that is so all around.
 const LEAST_HOLD: f32 = 1e-6;
-/// Of what masks show of the object, the share that a set of voxels must have that hangs together with nothing else.
+/// Of what is known of the object, the share that a set of voxels must have that hangs together with nothing else.
 const CRUMB: f32 = 0.005;
 
 /// A voxel of the surface.
@@ -36,16 +36,39 @@ struct Cell {
     aside: f32,
 }
 
-/// The voxels of the surface in `depths` that are the object, by the `masks` of a few views; `None` where masks show
-/// nothing of the surface. `solid` are the fused distances, on as many voxels as the map of `data` has.
-pub(super) fn spread(
+/// The voxels of the surface in `depths` that are the object, by the `masks` of a few views; see [`spread`].
+pub(super) fn spread_masks(
     masks: &[(usize, Mask)],
     data: &Prepared,
     depths: &[DepthPicture],
     solid: &[f32],
 ) -> Option<PartSet> {
+    let judges: Vec<Judge> = masks
+        .iter()
+        .map(|(view, mask)| Judge::new(*view, mask, &depths[*view], data))
+        .collect();
+    spread(data, depths, solid, |point| {
+        let mut all = Saying::default();
+        for judge in &judges {
+            let says = judge.of(point);
+            all.inside += says.inside;
+            all.outside += says.outside;
+            all.aside |= says.aside;
+        }
+        all
+    })
+}
+
+/// The voxels of the surface in `depths` that are the object, by what is `said` of its points, of most of them perhaps nothing; `None`
+/// where none is. `solid` are the fused distances, on as many voxels as the map of `data` has.
+pub(super) fn spread(
+    data: &Prepared,
+    depths: &[DepthPicture],
+    solid: &[f32],
+    said: impl Fn(Vec3) -> Saying + Sync,
+) -> Option<PartSet> {
     let resolution = data.map.resolution();
-    let (places, cells) = surface(masks, data, depths, resolution);
+    let (places, cells) = surface(data, depths, resolution, said);
     let known = |cell: &Cell| [cell.outside, cell.inside].map(|sure| sure / cell.points);
     let likelihood = Colours::new(cells.iter().map(|cell| (cell.colour, known(cell))));
     let colours: Vec<Vec3> = cells.iter().map(|cell| cell.colour).collect();
@@ -69,7 +92,7 @@ pub(super) fn spread(
     found.then(|| PartSet::of_surface(resolution, places.into_iter().zip(is_object)))
 }
 
-/// Which voxels are the object: those of sets that hang together and of which masks show more than a crumb.
+/// Which voxels are the object: those of sets that hang together and of which more than a crumb is known.
 fn borne_out(places: &[usize], cells: &[Cell], labels: &[f32], resolution: usize) -> Vec<bool> {
     let mut inside = vec![false; resolution.pow(3)];
     for (place, label) in places.iter().zip(labels) {
@@ -88,15 +111,11 @@ fn borne_out(places: &[usize], cells: &[Cell], labels: &[f32], resolution: usize
 
 /// The voxels that views show a point in, and what is known of them.
 fn surface(
-    masks: &[(usize, Mask)],
     data: &Prepared,
     depths: &[DepthPicture],
     resolution: usize,
+    said: impl Fn(Vec3) -> Saying + Sync,
 ) -> (Vec<usize>, Vec<Cell>) {
-    let judges: Vec<Judge> = masks
-        .iter()
-        .map(|(view, mask)| Judge::new(*view, mask, &depths[*view], data))
-        .collect();
     let shown: Vec<Vec<(usize, Vec3, Saying)>> = data
         .views
         .par_iter()
@@ -111,14 +130,7 @@ fn surface(
                     }
                     let colour = view.photo.get_pixel(x, y);
                     let colour = Vec3::from(colour.0.map(f32::from)) / 255.0;
-                    let mut all = Saying::default();
-                    for judge in &judges {
-                        let says = judge.of(point);
-                        all.inside += says.inside;
-                        all.outside += says.outside;
-                        all.aside |= says.aside;
-                    }
-                    Some((place, colour, all))
+                    Some((place, colour, said(point)))
                 })
                 .collect()
         })
