@@ -35,9 +35,9 @@ use std::sync::atomic::AtomicBool;
 use io_colmap::SparsePoint;
 
 use crate::config::{Preset, TrainConfig, Transparency};
-use crate::prepare::TrainView;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask::Mask;
+use crate::prepare::{Frame, TrainView};
 
 pub use hint::Hint;
 use look::Look;
@@ -74,7 +74,7 @@ pub fn find_object(
     mut progress: impl FnMut(u32, u32),
 ) -> Result<Option<Discovery>, PrepareError> {
     let config = search_config(config);
-    let mut look_at = |region| {
+    let look_at = |region| {
         Look::new(
             views,
             points,
@@ -85,10 +85,31 @@ pub fn find_object(
             &mut progress,
         )
     };
-    let Some(mut look) = look_at(hint.region(views, points)?)? else {
+    let Some((mut look, refused)) = looked(hint.region(views, points)?, hint, look_at)? else {
         return Ok(None);
     };
-    let mut refused = None;
+    let beyond = settled(&mut look, hint, refused);
+    let data = &look.data;
+    let masks = data
+        .views
+        .iter()
+        .enumerate()
+        .map(|(number, view)| Mask::of_white(&look.mask(number), &view.store))
+        .collect::<Result<_, _>>()?;
+    let mut notes = vec![chosen(&look, hint)];
+    notes.extend(beyond);
+    Ok(Some(Discovery { masks, notes }))
+}
+
+/// The object in a region, or in a larger one where it goes on beyond it, and why a larger one was of no use; `None` when interrupted.
+fn looked(
+    region: Frame,
+    hint: &Hint,
+    mut look_at: impl FnMut(Frame) -> Result<Option<Look>, PrepareError>,
+) -> Result<Option<(Look, Option<String>)>, PrepareError> {
+    let Some(mut look) = look_at(region)? else {
+        return Ok(None);
+    };
     for _ in 1..MOST_LOOKS {
         let Some(larger) = look.region_beyond(hint) else {
             break;
@@ -97,77 +118,74 @@ pub fn find_object(
             Ok(None) => return Ok(None),
             Ok(Some(wider)) if wider.shows_more_of(&look) => look = wider,
             Ok(Some(wider)) => {
-                match wider.going_on_from(look, hint) {
-                    Ok(wider) => look = wider,
+                return Ok(Some(match wider.going_on_from(look, hint) {
+                    Ok(wider) => (wider, None),
                     Err(before) => {
-                        look = *before;
-                        refused = Some("a larger one showed no more of it".to_owned());
+                        let why = "a larger one showed no more of it";
+                        (*before, Some(why.to_owned()))
                     }
-                }
-                break;
+                }));
             }
             Err(error) => {
-                refused = Some(format!("a larger one was of no use ({error})"));
-                break;
+                let why = format!("a larger one was of no use ({error})");
+                return Ok(Some((look, Some(why))));
             }
         }
     }
-    let beyond = if look.goes_on(hint) {
-        let why = refused
-            .unwrap_or_else(|| format!("so it did in each of {MOST_LOOKS} ever larger ones"));
-        Some(match look.parted(hint) {
-            Some(core) => {
-                look.chosen = core;
+    Ok(Some((look, None)))
+}
+
+/// Parts the object from what goes on beyond the region, where that can be; what the user has to know of the region's border.
+fn settled(look: &mut Look, hint: &Hint, refused: Option<String>) -> Option<String> {
+    if look.goes_on(hint) {
+        if let Some(core) = look.parted(hint) {
+            look.chosen = core;
+            return Some(
                 "what was found went on beyond that box by thin bridges alone, and was parted there; give all of \
                  it with --box if it is cut off"
-                    .to_owned()
-            }
-            None => format!(
-                "the object goes on beyond that box, and is cut off there: {why}; give all of it with --box"
-            ),
-        })
-    } else if look.region_beyond(hint).is_some() {
-        Some(
-            "the object reaches a side of that box; if a tip of it is cut off, give all of it with --box"
-                .to_owned(),
-        )
+                    .to_owned(),
+            );
+        }
+        let why = refused
+            .unwrap_or_else(|| format!("so it did in each of {MOST_LOOKS} ever larger ones"));
+        return Some(format!(
+            "the object goes on beyond that box, and is cut off there: {why}; give all of it with --box"
+        ));
+    }
+    let note = if look.region_beyond(hint).is_some() {
+        "the object reaches a side of that box; if a tip of it is cut off, give all of it with --box"
     } else if look.goes_beyond_another() {
-        Some(
-            "it went on beyond a smaller box, and what hangs together with it there belongs to it"
-                .to_owned(),
-        )
+        "it went on beyond a smaller box, and what hangs together with it there belongs to it"
     } else {
-        None
+        return None;
     };
-    let data = &look.data;
-    let masks = data
-        .views
-        .iter()
-        .enumerate()
-        .map(|(number, view)| Mask::of_white(&look.mask(number), &view.store))
-        .collect::<Result<_, _>>()?;
+    Some(note.to_owned())
+}
+
+/// What was taken for the object and why, for the user.
+fn chosen(look: &Look, hint: &Hint) -> String {
+    let first = look.first();
     let chosen_from = match hint {
         Hint::Masks(_) => String::new(),
         _ => format!(
             ", one of {} parts, {}",
-            look.first().parts.count(),
-            if look.first().ground.is_some() {
+            first.parts.count(),
+            if first.ground.is_some() {
                 "without the ground it stands on"
             } else {
                 "where no ground was found"
             }
         ),
     };
-    let mut notes = vec![format!(
+    let Frame { centre, half_side } = look.data.frame;
+    format!(
         "{} taken for the object{chosen_from}, in the box around ({:.3}, {:.3}, {:.3}) of side {:.3}; found_masks/ shows it",
         hint.reason(),
-        data.frame.centre.x,
-        data.frame.centre.y,
-        data.frame.centre.z,
-        2.0 * data.frame.half_side,
-    )];
-    notes.extend(beyond);
-    Ok(Some(Discovery { masks, notes }))
+        centre.x,
+        centre.y,
+        centre.z,
+        2.0 * half_side,
+    )
 }
 
 /// The settings of the search: the background alone, as a density, whatever the run itself is to be.
