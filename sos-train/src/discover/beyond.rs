@@ -14,6 +14,8 @@ use super::spread::spread;
 const BORDER: f32 = 0.94;
 /// Voxels of the smaller look by which a surface may have been learnt elsewhere in the wider one.
 const APART: f32 = 2.0;
+/// The share of an object that has to lie beyond a region for it to have been followed there.
+const LEAST_BEYOND: f32 = 0.005;
 
 /// The object of the look `before` as far as `wider` shows it.
 pub(super) fn spread_beyond(before: &Look, wider: &Look) -> Option<PartSet> {
@@ -25,10 +27,10 @@ pub(super) fn spread_beyond(before: &Look, wider: &Look) -> Option<PartSet> {
     let Look {
         data,
         depths,
-        solid,
+        learnt,
         ..
     } = wider;
-    spread(data, depths, solid, |point| {
+    spread(data, depths, learnt, |point| {
         let there = seen_from(before, wider, point);
         let is_known = is_within(there);
         let sure = |holds: bool| f32::from(u8::from(holds));
@@ -40,6 +42,14 @@ pub(super) fn spread_beyond(before: &Look, wider: &Look) -> Option<PartSet> {
             aside: false,
         }
     })
+}
+
+/// Whether some of the object of `wider` lies beyond the region of `before`.
+pub(super) fn lies_beyond(before: &Look, wider: &Look) -> bool {
+    let points = wider.chosen.points();
+    let is_outside = |point: &&Vec3| seen_from(before, wider, **point).abs().max_element() > 1.0;
+    let outside = points.iter().filter(is_outside).count();
+    outside as f32 > LEAST_BEYOND * points.len() as f32
 }
 
 /// A point of the frame of `wider` in that of `before`.

@@ -7,7 +7,7 @@ use image::GrayImage;
 use io_colmap::SparsePoint;
 use scene_decomp::probability::ProbabilityMap;
 
-use super::beyond::{is_within, seen_from, spread_beyond};
+use super::beyond::{is_within, lies_beyond, seen_from, spread_beyond};
 use super::hint::Hint;
 use super::humps;
 use super::masks;
@@ -46,8 +46,10 @@ pub(super) struct Look {
     pub(super) chosen: PartSet,
     /// What it was chosen from.
     pub(super) parts: Parts,
-    /// The fused distances of what was learnt, `[RESOLUTION^3]`, without humps.
-    pub(super) solid: Vec<f32>,
+    /// The fused distances of what was learnt, `[RESOLUTION^3]`.
+    pub(super) learnt: Vec<f32>,
+    /// The same without humps of the ground.
+    solid: Vec<f32>,
     /// What was taken away.
     pub(super) ground: Option<Plane>,
     /// The look at a smaller region whose object this one's goes on from: it has what lies there.
@@ -89,7 +91,7 @@ impl Look {
         hint: &Hint,
         seed: u64,
     ) -> Result<Self, PrepareError> {
-        let mut solid = fuse(&data, &depths, &data.map, 0.5, f32::INFINITY);
+        let learnt = fuse(&data, &depths, &data.map, 0.5, f32::INFINITY);
         let cameras: Vec<Vec3> = data
             .views
             .iter()
@@ -99,11 +101,12 @@ impl Look {
             .iter()
             .map(|point| data.frame.normalised_from_world(point.position))
             .collect();
-        let surface = plane::surface_points(&solid, RESOLUTION);
+        let surface = plane::surface_points(&learnt, RESOLUTION);
         let ground = match plane::ground(&sparse, &cameras, seed) {
             Some(ground) => Some(plane::settled(ground, &surface, &cameras)),
             None => plane::ground_of_surface(&surface, &cameras, seed),
         };
+        let mut solid = learnt.clone();
         if let Some(ground) = &ground {
             let eyes = humps::Eyes::new(&data.views, &data.frame, &depths);
             humps::flatten(&mut solid, RESOLUTION, ground, &eyes);
@@ -116,6 +119,7 @@ impl Look {
             depths,
             chosen,
             parts,
+            learnt,
             solid,
             ground,
             within: None,
@@ -159,17 +163,18 @@ impl Look {
         })
     }
 
-    /// The object of `before` where it hangs together with too much in this wider look: what it was and what of it lies beyond, if that
-    /// ends here. Gives `before` back otherwise.
+    /// The object of `before` where it hangs together with too much in this wider look: what it was and what of it lies beyond, if there
+    /// is any and it ends here. Gives `before` back otherwise, and where the object can be parted or masks say what it is everywhere.
     pub(super) fn going_on_from(mut self, before: Self, hint: &Hint) -> Result<Self, Box<Self>> {
-        if before.goes_on(hint) && before.parted(hint).is_some() {
+        let is_parted = || before.goes_on(hint) && before.parted(hint).is_some();
+        if matches!(hint, Hint::Masks(_)) || is_parted() {
             return Err(Box::new(before));
         }
         match spread_beyond(&before, &self) {
             Some(object) if object.goes_on().is_none() => self.chosen = object,
             _ => return Err(Box::new(before)),
         }
-        if !self.shows_more_of(&before) {
+        if !lies_beyond(&before, &self) || !self.shows_more_of(&before) {
             return Err(Box::new(before));
         }
         self.within = Some(Box::new(before));
@@ -195,6 +200,7 @@ impl Look {
         let mut mask = masks::project(photo, &self.data.frame, depth, |p| {
             self.chosen.contains(p) && !is_within(seen_from(within, self, p))
         });
+        // Up to the region's very side, or there would be a gap.
         let there = within.mask(view);
         for (pixel, there) in mask.iter_mut().zip(there.iter()) {
             *pixel = (*pixel).max(*there);

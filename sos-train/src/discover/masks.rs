@@ -1,4 +1,4 @@
-//! From the parts that are the object to a rough mask for a view.
+//! From the points that are the object to a rough mask for a view.
 
 use glam::{Vec2, Vec3};
 use image::{GrayImage, Luma};

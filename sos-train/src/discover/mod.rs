@@ -5,7 +5,7 @@
 //! things stand on is taken away ([`plane`]), and with it what bulges out of it (`humps.rs`); what stands close together is parted (`standing.rs`); and of the parts
 //! that remain, the object is the one in the middle, or the one that a hint points at ([`parts`]). Where a few views have masks,
 //! the object is what they show and what hangs together with it instead, ground or not (`spread.rs`). Where it goes on beyond the region, a larger
-//! one is looked at in the same way; where that is of no use, it is parted from what hangs on it by thin bridges
+//! one is looked at in the same way; where it hangs together with too much there, it is parted from what hangs on it by thin bridges
 //! (`cores.rs`), or else followed from what it was to where it ends (`beyond.rs`). Every view's pixels that show this part
 //! are its rough mask ([`masks`]), and from there on a run is like any other.
 //!
@@ -88,7 +88,7 @@ pub fn find_object(
     let Some((mut look, refused)) = looked(hint.region(views, points)?, hint, look_at)? else {
         return Ok(None);
     };
-    let beyond = settled(&mut look, hint, refused);
+    let border = settle_border(&mut look, hint, refused);
     let data = &look.data;
     let masks = data
         .views
@@ -96,8 +96,12 @@ pub fn find_object(
         .enumerate()
         .map(|(number, view)| Mask::of_white(&look.mask(number), &view.store))
         .collect::<Result<_, _>>()?;
-    let mut notes = vec![chosen(&look, hint)];
-    notes.extend(beyond);
+    let followed = look.goes_beyond_another().then(|| {
+        "it went on beyond a smaller box, and what hangs together with it there belongs to it"
+            .to_owned()
+    });
+    let notes = [Some(choice_note(&look, hint)), followed, border];
+    let notes = notes.into_iter().flatten().collect();
     Ok(Some(Discovery { masks, notes }))
 }
 
@@ -121,7 +125,7 @@ fn looked(
                 return Ok(Some(match wider.going_on_from(look, hint) {
                     Ok(wider) => (wider, None),
                     Err(before) => {
-                        let why = "a larger one showed no more of it";
+                        let why = "in a larger one it hung together with too much";
                         (*before, Some(why.to_owned()))
                     }
                 }));
@@ -136,7 +140,7 @@ fn looked(
 }
 
 /// Parts the object from what goes on beyond the region, where that can be; what the user has to know of the region's border.
-fn settled(look: &mut Look, hint: &Hint, refused: Option<String>) -> Option<String> {
+fn settle_border(look: &mut Look, hint: &Hint, refused: Option<String>) -> Option<String> {
     if look.goes_on(hint) {
         if let Some(core) = look.parted(hint) {
             look.chosen = core;
@@ -152,18 +156,14 @@ fn settled(look: &mut Look, hint: &Hint, refused: Option<String>) -> Option<Stri
             "the object goes on beyond that box, and is cut off there: {why}; give all of it with --box"
         ));
     }
-    let note = if look.region_beyond(hint).is_some() {
+    look.region_beyond(hint).map(|_| {
         "the object reaches a side of that box; if a tip of it is cut off, give all of it with --box"
-    } else if look.goes_beyond_another() {
-        "it went on beyond a smaller box, and what hangs together with it there belongs to it"
-    } else {
-        return None;
-    };
-    Some(note.to_owned())
+            .to_owned()
+    })
 }
 
 /// What was taken for the object and why, for the user.
-fn chosen(look: &Look, hint: &Hint) -> String {
+fn choice_note(look: &Look, hint: &Hint) -> String {
     let first = look.first();
     let chosen_from = match hint {
         Hint::Masks(_) => String::new(),

@@ -46,14 +46,16 @@ impl Network {
                 .filter(|other| *other != u32::MAX)
         };
         let apart = |i: usize, j: usize| colours[i].distance_squared(colours[j]);
-        let (sum, count) = (0..places.len())
-            .into_par_iter()
-            .map(|i| {
-                next_to(i).fold((0.0f64, 0usize), |(sum, count), j| {
-                    (sum + f64::from(apart(i, j as usize)), count + 1)
-                })
+        let beside = |i: usize| {
+            next_to(i).fold((0.0f64, 0usize), |(sum, count), j| {
+                (sum + f64::from(apart(i, j as usize)), count + 1)
             })
-            .reduce(|| (0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        };
+        // Added up in order, as sums in any other would differ from run to run.
+        let all: Vec<(f64, usize)> = (0..places.len()).into_par_iter().map(beside).collect();
+        let (sum, count) = all
+            .into_iter()
+            .fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
         let spread = (2.0 * sum / count.max(1) as f64).max(1e-9) as f32;
         let all: Vec<Vec<(u32, f32)>> = (0..places.len())
             .into_par_iter()

@@ -1,7 +1,7 @@
 //! The checks of [`scene_doctor`], made on what training would work with: the box, the masks' votes and
 //! the ground are found by the code that training finds them with.
 //!
-//! `sos doctor` prints all of them; `sos train` makes the same ones, says what it warns about, and
+//! `sos doctor` prints all of them; `sos train` makes the same ones but for the cost, says what it warns about, and
 //! stops where one fails.
 
 pub mod admission;

@@ -198,25 +198,24 @@ fn hidden_alike(
     raster.pixels(&found)
 }
 
-/// Whether views other than `number` show FoCoR at each of these places, more of them than something hides it from.
+/// Whether some of the views other than `number` show FoCoR at each of these places.
 fn are_shown(scene: &FrozenScene, data: &Prepared, number: usize, places: &[Vec3]) -> Vec<bool> {
     let all = data.views.len();
     let asked = WITNESSES.min(all - 1);
-    let mut shown = vec![(0, 0); places.len()];
+    let mut shown = vec![0; places.len()];
     for view in (0..asked).map(|k| (number + 1 + k * (all - 1) / asked) % all) {
         let witness = Viewpoint::at(data, view);
         let (asked, rays) = witness.rays_to(places, data);
         let met = scene.objects(&rays);
         for (((&i, ray), met), matte) in asked.iter().zip(&rays).zip(met).zip(scene.mattes(&rays)) {
             let off = (ray.at(met.object_distance) - places[i]).length();
-            if met.matte >= HIDDEN && off < SAME_PLACE {
-                let (shown, hidden) = &mut shown[i];
-                *(if matte >= HIDDEN { shown } else { hidden }) += 1;
+            if met.matte >= HIDDEN && matte >= HIDDEN && off < SAME_PLACE {
+                shown[i] += 1;
             }
         }
     }
-    let most = |(shown, hidden): (usize, usize)| shown >= LEAST_WITNESSES && shown > hidden;
-    shown.into_iter().map(most).collect()
+    let shown = shown.into_iter();
+    shown.map(|count| count >= LEAST_WITNESSES).collect()
 }
 
 /// Whether a photo's colour is the one that a ray met of the object, and it met it.
