@@ -164,10 +164,11 @@ impl Look {
     }
 
     /// The object of `before` where it hangs together with too much in this wider look: what it was and what of it lies beyond, if there
-    /// is any and it ends here. Gives `before` back otherwise, and where the object can be parted or masks say what it is everywhere.
+    /// is any and it ends here. Gives `before` back otherwise, and where the object can be parted, masks say what it is everywhere, or no
+    /// ground is known, which what goes on may be then.
     pub(super) fn going_on_from(mut self, before: Self, hint: &Hint) -> Result<Self, Box<Self>> {
         let is_parted = || before.goes_on(hint) && before.parted(hint).is_some();
-        if matches!(hint, Hint::Masks(_)) || is_parted() {
+        if before.ground.is_none() || matches!(hint, Hint::Masks(_)) || is_parted() {
             return Err(Box::new(before));
         }
         match spread_beyond(&before, &self) {
