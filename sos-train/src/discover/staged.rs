@@ -7,9 +7,8 @@ use image::{Rgb, RgbImage};
 use io_colmap::{Camera, CameraModel, Pose};
 use neus_render::rays::Ray;
 
-use crate::prepare::pixels::PixelStore;
 use crate::prepare::view::Lens;
-use crate::prepare::{Frame, TrainView};
+use crate::prepare::{Frame, TrainView, balls};
 use crate::train::carve::depth::DepthPicture;
 
 /// The table's colour.
@@ -61,10 +60,8 @@ impl Stage {
         let z = -from.normalize();
         let x = z.cross(DVec3::Z).normalize();
         let rotation = DQuat::from_mat3(&DMat3::from_cols(x, z.cross(x), z)).inverse();
-        let store = PixelStore::new(&std::env::temp_dir());
         let half = f64::from(SIDE) / 2.0;
         let mut view = TrainView {
-            name: format!("{from}"),
             lens: Lens(Camera {
                 id: 1,
                 model: CameraModel::Pinhole,
@@ -76,10 +73,7 @@ impl Stage {
                 rotation,
                 translation: -(rotation * from),
             },
-            photo: store.keep_photo(RgbImage::new(SIDE, SIDE)).unwrap(),
-            mask: None,
-            ignored: None,
-            store,
+            ..balls::view(from, -from)
         };
         let pose = view.world_from_camera(&WORLD);
         let photo = RgbImage::from_fn(SIDE, SIDE, |x, y| {
