@@ -61,20 +61,30 @@ pub enum Shown {
     ByColour,
 }
 
-/// What a vote on a mask's edge counts: nothing beside views that see the place well inside or
-/// outside, and everything where all views see it at the outline.
-pub(super) const EDGE_VOTE: f32 = 0.1;
-/// [`Label::Unknown`] where the own mask says object.
-pub(super) const UNKNOWN_OBJECT: u8 = 5;
 /// [`Label::Unknown`] where the photo is not to be learned from, or the mask is not believed.
 pub(super) const SILENT: u8 = 6;
-/// [`Label::Unknown`] in the middle of a part that is as thin as the edge, and in the middle of such a gap: nothing of it lies
-/// farther inside, so that these pixels vote in full.
-pub(super) const THIN_OBJECT: u8 = 7;
-pub(super) const THIN_GAP: u8 = 8;
 /// [`Label::DoubtfulObject`] where a mask that is set aside says what the others say.
-pub(super) const AGREED_OBJECT: u8 = 9;
+pub(super) const AGREED_OBJECT: u8 = 7;
 /// [`Label::DoubtfulObject`] where a photo without a mask that is believed has the object's colours.
-pub(super) const ALIKE_OBJECT: u8 = 10;
+pub(super) const ALIKE_OBJECT: u8 = 8;
 /// [`Label::Object`] where the photo has the object's colours, too.
-pub(super) const ALIKE_MASKED: u8 = 11;
+pub(super) const ALIKE_MASKED: u8 = 9;
+/// From here on: [`Label::Unknown`] along the own mask's outline, with what the mask says there and what that counts.
+const EDGE: u8 = 16;
+/// What votes along an outline count, in so many steps.
+const EDGE_LEVELS: u8 = 8;
+
+/// The byte of a pixel along its mask's outline, whose vote counts `weight`.
+pub(super) fn edge_byte(object: bool, weight: f32) -> u8 {
+    let level = (weight * f32::from(EDGE_LEVELS)).round() as u8;
+    EDGE + 2 * level.clamp(1, EDGE_LEVELS) + u8::from(object)
+}
+
+/// The vote of a pixel along its mask's outline; `None` of others.
+pub(super) fn edge_vote(byte: u8) -> Option<Vote> {
+    let code = byte.checked_sub(EDGE)?;
+    Some(Vote {
+        object: code % 2 == 1,
+        weight: f32::from(code / 2) / f32::from(EDGE_LEVELS),
+    })
+}

@@ -13,6 +13,7 @@ pub mod frame;
 pub mod label;
 pub mod locate;
 pub mod mask;
+mod mask_edge;
 pub mod mask_faults;
 pub mod mask_shift;
 pub mod outline;

@@ -8,11 +8,9 @@ use scene_decomp::probability::ProbabilityMap;
 
 use super::frame::Frame;
 use super::label::{
-    AGREED_OBJECT, ALIKE_MASKED, ALIKE_OBJECT, EDGE_VOTE, Label, SILENT, Shown, THIN_GAP,
-    THIN_OBJECT, UNKNOWN_OBJECT, Vote,
+    AGREED_OBJECT, ALIKE_MASKED, ALIKE_OBJECT, Label, SILENT, Shown, Vote, edge_byte, edge_vote,
 };
-use super::mask::Mask;
-use super::mask_shift::outline_distance;
+use super::mask_edge::{near_edge, vote_weights};
 use super::runs::ByteRuns;
 use super::spans::PixelSpans;
 use super::view::TrainView;
@@ -112,18 +110,11 @@ impl Outline {
     #[must_use]
     pub fn vote(&self, x: u32, y: u32) -> Option<Vote> {
         let byte = self.labels.get(y * self.width + x);
-        (self.masked && byte != SILENT).then(|| match Label::from_byte(byte) {
-            Label::Unknown => Vote {
-                object: byte == UNKNOWN_OBJECT || byte == THIN_OBJECT,
-                weight: match byte {
-                    THIN_OBJECT | THIN_GAP => 1.0,
-                    _ => EDGE_VOTE,
-                },
-            },
-            label => Vote {
-                object: label.target().0 > 0.5,
+        (self.masked && byte != SILENT).then(|| {
+            edge_vote(byte).unwrap_or(Vote {
+                object: Label::from_byte(byte).target().0 > 0.5,
                 weight: 1.0,
-            },
+            })
         })
     }
 }
@@ -246,7 +237,9 @@ pub fn outline(
     let aside = view.mask.as_ref().filter(|_| trust < 0.5);
     let edge = mask.or(aside).map(|mask| near_edge(mask, band));
     let near_edge = |i: usize| edge.as_ref().is_some_and(|edge| edge[i]);
-    let thin = mask.map(|mask| middles(mask, band)).unwrap_or_default();
+    let weights = mask
+        .map(|mask| vote_weights(mask, band))
+        .unwrap_or_default();
     let label = |x: u32, y: u32| {
         let i = (y * width + x) as usize;
         let hull = bilinear(
@@ -276,9 +269,7 @@ pub fn outline(
         let agreed = likely && !near_edge(i) && aside.is_some_and(|mask| mask.contains(x, y));
         let byte = match label {
             Label::DoubtfulObject if agreed => AGREED_OBJECT,
-            Label::Unknown if thin.get(i) == Some(&true) && own => THIN_OBJECT,
-            Label::Unknown if thin.get(i) == Some(&true) => THIN_GAP,
-            Label::Unknown if own => UNKNOWN_OBJECT,
+            Label::Unknown if mask.is_some() => edge_byte(own, weights[i]),
             label => label as u8,
         };
         byte | CANDIDATE
@@ -320,66 +311,6 @@ pub(crate) fn bilinear(image: &GrayImage, x: f32, y: f32) -> f32 {
     top + ty * (bottom - top)
 }
 
-/// Pixels within `band` of the mask's outline that nothing around them lies farther from, on their side: the middle of
-/// what is thin.
-fn middles(mask: &Mask, band: u32) -> Vec<bool> {
-    /// Pixels to each side that are compared.
-    const AROUND: usize = 2;
-    /// Distances that count as equal, in pixels: in a part of an even width no pixel lies in the middle.
-    const SLACK: f32 = 0.25;
-    let distances = outline_distance(mask, band + 1);
-    let (w, h) = (mask.width() as usize, mask.height() as usize);
-    (0..w * h)
-        .into_par_iter()
-        .map(|i| {
-            let (x, y, own) = (i % w, i / w, distances[i]);
-            if own.abs() > band as f32 + 0.5 {
-                return false;
-            }
-            let mut rows = y.saturating_sub(AROUND)..(y + AROUND + 1).min(h);
-            let columns = x.saturating_sub(AROUND)..(x + AROUND + 1).min(w);
-            rows.all(|y| {
-                let row = &distances[y * w..][columns.clone()];
-                row.iter()
-                    .all(|other| other * own.signum() <= own.abs() + SLACK)
-            })
-        })
-        .collect()
-}
-
-/// Pixels within `band` (in the sense of a square window) of a pixel of the other kind.
-fn near_edge(mask: &Mask, band: u32) -> Vec<bool> {
-    let (w, h) = (mask.width() as usize, mask.height() as usize);
-    let band = band as usize;
-    // Counts of object pixels in windows, first along rows, then along columns.
-    let window =
-        |values: &[u32], length: usize, lines: usize, at: &dyn Fn(usize, usize) -> usize| {
-            let mut sums = vec![0u32; values.len()];
-            for line in 0..lines {
-                let mut prefix = vec![0u32; length + 1];
-                for i in 0..length {
-                    prefix[i + 1] = prefix[i] + values[at(line, i)];
-                }
-                for i in 0..length {
-                    sums[at(line, i)] =
-                        prefix[(i + band + 1).min(length)] - prefix[i.saturating_sub(band)];
-                }
-            }
-            sums
-        };
-    let ones: Vec<u32> = mask.answers().map(u32::from).collect();
-    let rows = window(&ones, w, h, &|line, i| line * w + i);
-    let sums = window(&rows, h, w, &|line, i| i * w + line);
-    (0..w * h)
-        .map(|i| {
-            let (x, y) = (i % w, i / w);
-            let span = |p: usize, n: usize| ((p + band + 1).min(n) - p.saturating_sub(band)) as u32;
-            let full = span(x, w) * span(y, h);
-            sums[i] > 0 && sums[i] < full
-        })
-        .collect()
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -387,18 +318,18 @@ mod tests {
     use image::Luma;
 
     use super::super::balls::{view, with_balls};
-    use super::super::pixels::PixelStore;
     use super::*;
     use crate::config::TrainConfig;
 
     #[test]
     fn silent_pixels_have_no_vote_and_others_keep_theirs() {
         let object = Label::Object as u8;
+        let edge = |weight| edge_byte(true, weight);
         let mut outline = Outline {
             width: 3,
             height: 2,
             masked: true,
-            labels: ByteRuns::of(&[0, object, object, THIN_OBJECT, UNKNOWN_OBJECT, object]),
+            labels: ByteRuns::of(&[0, object, object, edge(1.0), edge(0.26), object]),
             candidates: PixelSpans::default(),
             alike: PixelSpans::default(),
         };
@@ -406,7 +337,7 @@ mod tests {
             let weight = |i: u32| outline.vote(i % 3, i / 3).map(|vote| vote.weight);
             (0..6).map(weight).collect::<Vec<_>>()
         };
-        let edge = Some(EDGE_VOTE);
+        let edge = Some(0.25);
         let full = Some(1.0);
         assert_eq!(votes(&outline), [full, full, full, full, edge, full]);
         let mut opening = PixelSpans::default();
@@ -416,6 +347,22 @@ mod tests {
         assert_eq!(votes(&outline), [full, full, None, None, edge, full]);
         assert_eq!(outline.label(2, 0), Label::Unknown);
         assert_eq!(outline.label(2, 1), Label::Object);
+    }
+
+    #[test]
+    fn along_outlines_masks_vote_for_either_side_and_never_with_nothing() {
+        for object in [false, true] {
+            for (weight, counts) in [(0.0, 0.125), (0.5, 0.5), (1.0, 1.0)] {
+                let byte = edge_byte(object, weight);
+                let expected = Vote {
+                    object,
+                    weight: counts,
+                };
+                assert_eq!(edge_vote(byte), Some(expected));
+                assert!(byte < CANDIDATE && Label::from_byte(byte) == Label::Unknown);
+            }
+        }
+        assert_eq!(edge_vote(ALIKE_MASKED), None);
     }
 
     #[test]
@@ -452,30 +399,5 @@ mod tests {
         let by_colour = Shown::ByColour;
         assert_eq!(shown(&coloured), [by_colour, by_colour, no, no]);
         assert_eq!(coloured.label(26, 24), Label::DoubtfulObject);
-    }
-
-    #[test]
-    fn thin_parts_and_gaps_have_a_middle_and_outlines_of_large_ones_none() {
-        // A block with bars of three and two pixels on it, and a slit of three pixels in it.
-        let object = |x: u32, y: u32| match (x, y) {
-            (20..=22, 30..=59) => false,
-            (10..=39, 20..=59) => true,
-            (12..=14, 4..=19) | (24..=25, 4..=19) => true,
-            _ => false,
-        };
-        let picture = GrayImage::from_fn(50, 70, |x, y| Luma([if object(x, y) { 255 } else { 0 }]));
-        let store = PixelStore::new(&std::env::temp_dir());
-        let mask = Mask::of_white(&picture, &store).unwrap();
-        let middles = middles(&mask, 3);
-        let is_middle = |x: u32, y: u32| middles[(y * 50 + x) as usize];
-        for y in 8..16 {
-            let row: Vec<u32> = (10..30).filter(|&x| is_middle(x, y)).collect();
-            assert_eq!(row, [13, 24, 25], "bars, row {y}");
-        }
-        for y in 36..54 {
-            let row: Vec<u32> = (0..50).filter(|&x| is_middle(x, y)).collect();
-            assert_eq!(row, [21], "slit, row {y}");
-        }
-        assert!((26..36).all(|x| !is_middle(x, 59) && !is_middle(x, 60)));
     }
 }
