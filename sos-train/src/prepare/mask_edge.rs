@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::mask::Mask;
 use super::mask_shift::outline_distance;
 
-/// Pixels within `band` (in the sense of a square window) of a pixel of the other kind.
+/// Whether each pixel, row-major, has one of the other kind within `band` pixels, in the sense of a square window.
 pub(super) fn near_edge(mask: &Mask, band: u32) -> Vec<bool> {
     let (w, h) = (mask.width() as usize, mask.height() as usize);
     let band = band as usize;
@@ -38,7 +38,8 @@ pub(super) fn near_edge(mask: &Mask, band: u32) -> Vec<bool> {
         .collect()
 }
 
-/// What the vote of each pixel within `band` of the mask's outline counts, row-major: the more, the farther from it.
+/// What the vote of each pixel counts, from 0 to 1, row-major: within `band` pixels of the mask's outline in proportion to
+/// the distance from it, but in full in the middle of what is thin; 1 farther away.
 ///
 /// Rough masks err most at the outline. But a place beside the object is close to it in most views, and masks that take the place
 /// in have it well inside: votes along outlines must be able to outvote those.
