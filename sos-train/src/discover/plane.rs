@@ -60,6 +60,8 @@ const BELOW_GROUND: f32 = 0.06;
 /// Share of points on the ground that it takes, and below it that rules it out.
 const LEAST_ON: f32 = 0.03;
 const MOST_BELOW: f32 = 0.1;
+/// The share below it that makes points on it count half.
+const HALVED_BELOW: f32 = 0.01;
 /// How far below a ground of sparse points its surface is looked for, in the normalised frame.
 const SETTLES: f32 = 0.2;
 /// Share of what faces up at the best height that must do so at the points' own.
@@ -126,8 +128,13 @@ pub fn ground(points: &[Vec3], cameras: &[Vec3], seed: u64) -> Option<Plane> {
             below += f32::from(u8::from(height < -BELOW_GROUND));
         }
         let enough = on >= LEAST_ON * around.len() as f32 && plane.offset.abs() < 1.0;
-        let fair = 1.0 - below / (MOST_BELOW * around.len() as f32);
-        if enough { on * fair } else { 0.0 }
+        let below = below / around.len() as f32;
+        let fair = (1.0 - below / MOST_BELOW) / (1.0 + below / HALVED_BELOW);
+        if enough {
+            on * fair * above_which(plane, cameras)
+        } else {
+            0.0
+        }
     };
     let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x0012_00d0);
     let mut best: (f32, Option<Plane>) = (0.0, None);
@@ -227,7 +234,7 @@ pub fn ground_of_surface(surface: &[SurfacePoint], cameras: &[Vec3], seed: u64) 
         let all = judges.len() as f32;
         let enough = count >= LEAST_SURFACE * all && border >= LEAST_BORDER * count;
         if enough {
-            count * (1.0 - below / (MOST_SURFACE_BELOW * all))
+            count * (1.0 - below / (MOST_SURFACE_BELOW * all)) * above_which(plane, cameras)
         } else {
             0.0
         }
@@ -296,6 +303,15 @@ fn towards(normal: Vec3, offset: f32, cameras: &[Vec3]) -> Option<Plane> {
     } else {
         None
     }
+}
+
+/// How much a plane counts by the cameras above it: 1 where all of them are, 0 where it is the least share.
+///
+/// Nobody photographs from below the ground; a few only seem to. An object's side has few points behind it, too, but a capture
+/// all around has cameras there.
+fn above_which(plane: &Plane, cameras: &[Vec3]) -> f32 {
+    let below = cameras.iter().filter(|c| plane.height(**c) <= 0.0).count();
+    (1.0 - below as f32 / ((1.0 - LEAST_CAMERAS) * cameras.len() as f32)).max(0.0)
 }
 
 /// Least squares through the points within `reach` of `plane`.
@@ -389,6 +405,29 @@ mod tests {
             "{plane:?}"
         );
         assert_eq!(ground(&points[..50], &cameras, 3), None);
+    }
+
+    #[test]
+    fn an_objects_side_is_no_ground_nor_what_cuts_it() {
+        // A box that leans to one side, with points all over it, on a table without any.
+        let (low, high) = (Vec3::new(-0.3, -0.2, -0.2), Vec3::new(0.3, 0.2, 0.1));
+        let lean = |p: Vec3| Vec3::new(p.x + 0.4 * (p.z - low.z), p.y, p.z);
+        let on_box = |axis: usize, count: usize, seed: u64| {
+            random_points(seed, count, move |[a, b, c]| {
+                let mut share = [a, b, c].map(|v| 0.5 + 0.5 * v);
+                share[axis] = share[axis].round();
+                lean(low + Vec3::from(share) * (high - low))
+            })
+        };
+        let sides = [on_box(0, 900, 11), on_box(1, 300, 12), on_box(2, 300, 13)].concat();
+        // More cameras on one side than on the other, none below the table.
+        let cameras: Vec<Vec3> = (0..30)
+            .map(|i| 0.131 * i as f32 - 1.9)
+            .map(|angle| Vec3::new(1.5 * angle.cos(), 1.5 * angle.sin(), 0.6))
+            .collect();
+        let plane = ground(&sides, &cameras, 5).unwrap();
+        assert!(plane.normal.z > 0.995, "{plane:?}");
+        assert!((plane.offset - low.z).abs() < 0.02, "{plane:?}");
     }
 
     #[test]
