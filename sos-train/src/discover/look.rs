@@ -195,10 +195,13 @@ impl Look {
     /// White where a view, by its number, shows the object.
     pub(super) fn mask(&self, view: usize) -> GrayImage {
         let (photo, depth) = (&self.data.views[view], &self.depths[view]);
+        let fused = (self.learnt.as_slice(), RESOLUTION);
         let Some(within) = &self.within else {
-            return masks::project(photo, &self.data.frame, depth, |p| self.chosen.contains(p));
+            return masks::project(photo, &self.data.frame, depth, fused, |p| {
+                self.chosen.contains(p)
+            });
         };
-        let mut mask = masks::project(photo, &self.data.frame, depth, |p| {
+        let mut mask = masks::project(photo, &self.data.frame, depth, fused, |p| {
             self.chosen.contains(p) && !is_within(seen_from(within, self, p))
         });
         // Up to the region's very side, or there would be a gap.

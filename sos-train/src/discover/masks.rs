@@ -2,9 +2,16 @@
 
 use glam::{Vec2, Vec3};
 use image::{GrayImage, Luma};
+use neus_render::rays::Ray;
 
+use super::parts::voxel;
 use crate::prepare::{Frame, TrainView};
 use crate::train::carve::depth::DepthPicture;
+
+/// How many voxels before what all views together see a view's own surface is haze, which the others see past.
+const HAZE: f32 = 2.0;
+/// Steps per voxel along a ray.
+const STEPS: f32 = 2.0;
 
 /// The pixels of a raster and the points of the normalised frame that they show.
 pub(super) fn points<'a>(
@@ -12,6 +19,15 @@ pub(super) fn points<'a>(
     frame: &Frame,
     depth: &'a DepthPicture,
 ) -> impl Iterator<Item = (Vec2, Vec3)> + 'a {
+    rays(view, frame, depth).map(|(pixel, ray, distance)| (pixel, ray.at(distance)))
+}
+
+/// The pixels of a raster, their rays and how far along them the view sees.
+fn rays<'a>(
+    view: &'a TrainView,
+    frame: &Frame,
+    depth: &'a DepthPicture,
+) -> impl Iterator<Item = (Vec2, Ray, f32)> + 'a {
     let world_from_camera = view.world_from_camera(frame);
     let stride = depth.stride as f32;
     (0..depth.distances.len()).filter_map(move |i| {
@@ -26,16 +42,33 @@ pub(super) fn points<'a>(
         let last = Vec2::new(view.width() as f32 - 0.5, view.height() as f32 - 0.5);
         let pixel = ((raster + 0.5) * stride).min(last);
         let ray = view.ray(&world_from_camera, pixel)?;
-        Some((pixel, ray.at(distance)))
+        Some((pixel, ray, distance))
     })
 }
 
-/// White where `view` shows points that are the object.
+/// What a view shows at the end of a ray: its own surface, or where that is haze the first one behind it that all views together see,
+/// by the distances `fused` of `resolution^3` voxels.
+fn shown(ray: &Ray, distance: f32, fused: &[f32], resolution: usize) -> Vec3 {
+    let side = 2.0 / resolution as f32;
+    let at = |point: Vec3| voxel(point, resolution).map(|cell| fused[cell]);
+    let own = ray.at(distance);
+    if at(own).is_none_or(|before| before <= HAZE * side) {
+        return own;
+    }
+    (1..)
+        .map(|step| ray.at(distance + step as f32 * side / STEPS))
+        .map_while(|point| at(point).map(|before| (point, before)))
+        .find(|(_, before)| *before < 0.0)
+        .map_or(own, |(point, _)| point)
+}
+
+/// White where `view` shows points that are the object; `fused` are the distances of what all views see, on `resolution^3` voxels.
 #[must_use]
 pub fn project(
     view: &TrainView,
     frame: &Frame,
     depth: &DepthPicture,
+    (fused, resolution): (&[f32], usize),
     is_object: impl Fn(Vec3) -> bool,
 ) -> GrayImage {
     let stride = depth.stride;
@@ -44,8 +77,8 @@ pub fn project(
         depth.distances.len() as u32 / depth.width.max(1),
     );
     let mut raster = GrayImage::new(width, height);
-    for (pixel, point) in points(view, frame, depth) {
-        if is_object(point) {
+    for (pixel, ray, distance) in rays(view, frame, depth) {
+        if is_object(shown(&ray, distance, fused, resolution)) {
             let x = (pixel.x as u32 / stride).min(width - 1);
             let y = (pixel.y as u32 / stride).min(height - 1);
             raster.put_pixel(x, y, Luma([255]));
@@ -74,8 +107,30 @@ fn majority(mask: &GrayImage) -> GrayImage {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
+    use scene_decomp::probability::ProbabilityMap;
+
     use super::*;
+
+    #[test]
+    fn haze_gives_way_to_what_all_views_see_behind_it() {
+        let n = 40;
+        // Solid from 0.3 on along the ray.
+        let fused: Vec<f32> = (0..n * n * n)
+            .map(|cell| ProbabilityMap::centre(n, cell).x)
+            .map(|x| (0.3 - x).clamp(-0.2, 0.2))
+            .collect();
+        let ray = Ray::new(Vec3::new(-0.95, 0.02, 0.02), Vec3::X).unwrap();
+        let at = |distance: f32| shown(&ray, distance, &fused, n).x;
+        assert!((at(0.5) - 0.3).abs() < 0.05, "{}", at(0.5));
+        // Near the surface, behind it and beyond the region a view is believed.
+        for distance in [1.2, 1.6, 2.5] {
+            assert_eq!(at(distance), ray.at(distance).x);
+        }
+        // Nothing is behind it.
+        assert_eq!(shown(&ray, 0.5, &vec![0.2; n * n * n], n), ray.at(0.5));
+    }
 
     #[test]
     fn specks_and_pinholes_vanish() {
