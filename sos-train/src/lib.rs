@@ -58,6 +58,7 @@ mod distance;
 pub mod doctor;
 pub mod error;
 pub mod export;
+mod flat_zones;
 pub mod job;
 mod likelihood;
 pub mod live;

@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::judge::Saying;
 use super::look::Look;
-use super::parts::PartSet;
+use super::parts::{PartSet, voxel};
 use super::spread::spread;
 
 /// Where a region's border begins, in its frame: what lies there may be learnt badly.
@@ -28,6 +28,7 @@ pub(super) fn spread_beyond(before: &Look, wider: &Look) -> Option<PartSet> {
         data,
         depths,
         learnt,
+        open,
         ..
     } = wider;
     spread(data, depths, learnt, |point| {
@@ -35,7 +36,9 @@ pub(super) fn spread_beyond(before: &Look, wider: &Look) -> Option<PartSet> {
         let is_known = is_within(there);
         let sure = |holds: bool| f32::from(u8::from(holds));
         let is_object = is_known && before.chosen.contains(there);
-        let is_other = on_ground(there) || is_known && !is_near(&before.chosen, there, apart);
+        let is_open = voxel(point, data.map.resolution()).is_some_and(|cell| open[cell]);
+        let is_other =
+            on_ground(there) || is_open || is_known && !is_near(&before.chosen, there, apart);
         Saying {
             inside: sure(is_object),
             outside: sure(is_other && !is_object),

@@ -250,9 +250,9 @@ impl Hint {
             Self::Nothing => parts.most_central().ok_or_else(nothing),
             Self::Box(_) => parts.all_large().ok_or_else(nothing),
             Self::Click(click) => {
-                let view = click.find(&data.views)?;
-                let pixel = Vec2::new(click.x as f32, click.y as f32);
-                surface_at(data, depths, view, pixel)
+                let clicked = self.clicked(&data.views)?;
+                clicked
+                    .and_then(|(view, pixel)| surface_at(data, depths, view, pixel))
                     .and_then(|point| parts.at(point))
                     .ok_or_else(|| {
                         PrepareError::Scene(format!(
@@ -269,6 +269,20 @@ impl Hint {
                         .to_owned(),
                 )
             }),
+        }
+    }
+
+    /// The pixel that is clicked on, with the number of its view.
+    pub(super) fn clicked(
+        &self,
+        views: &[TrainView],
+    ) -> Result<Option<(usize, Vec2)>, PrepareError> {
+        match self {
+            Self::Click(click) => {
+                let pixel = Vec2::new(click.x as f32, click.y as f32);
+                Ok(Some((click.find(views)?, pixel)))
+            }
+            _ => Ok(None),
         }
     }
 

@@ -14,6 +14,7 @@ use super::masks;
 use super::parts::{PartSet, Parts};
 use super::plane::{self, Plane};
 use super::region;
+use super::surroundings::open_voxels;
 use crate::config::TrainConfig;
 use crate::prepare::error::PrepareError;
 use crate::prepare::outline::{outline, silhouette};
@@ -52,6 +53,8 @@ pub(super) struct Look {
     solid: Vec<f32>,
     /// What was taken away.
     pub(super) ground: Option<Plane>,
+    /// Which voxels were taken away as surroundings without an edge.
+    pub(super) open: Vec<bool>,
     /// The look at a smaller region whose object this one's goes on from: it has what lies there.
     within: Option<Box<Self>>,
 }
@@ -111,9 +114,18 @@ impl Look {
             let eyes = humps::Eyes::new(&data.views, &data.frame, &depths);
             humps::flatten(&mut solid, RESOLUTION, ground, &eyes);
         }
+        let open = match hint {
+            // What masks show is the object, of whatever colour.
+            Hint::Masks(_) => vec![false; solid.len()],
+            _ => open_voxels(&solid, &data, &depths, hint.clicked(&data.views)?),
+        };
+        for (distance, _) in solid.iter_mut().zip(&open).filter(|(_, open)| **open) {
+            *distance = f32::INFINITY;
+        }
         hint.clip(&mut solid, RESOLUTION, &data.frame);
         let parts = Parts::new(&solid, RESOLUTION, ground.as_ref(), upwards(&data));
-        let chosen = hint.choose(&parts, &data, &depths, &solid)?;
+        let mut chosen = hint.choose(&parts, &data, &depths, &solid)?;
+        chosen.leave_out(&open);
         Ok(Self {
             data,
             depths,
@@ -122,6 +134,7 @@ impl Look {
             learnt,
             solid,
             ground,
+            open,
             within: None,
         })
     }
@@ -156,9 +169,10 @@ impl Look {
         let least = CORE_SHARE * self.chosen.central();
         (1..=MOST_LAYERS).find_map(|layers| {
             let split = self.parts.split(&self.chosen, layers);
-            let core = hint
+            let mut core = hint
                 .choose(&split, &self.data, &self.depths, &self.solid)
                 .ok()?;
+            core.leave_out(&self.open);
             (core.goes_on().is_none() && core.central() >= least).then_some(core)
         })
     }
@@ -238,7 +252,7 @@ fn upwards(data: &Prepared) -> Vec3 {
 }
 
 /// The region of interest, in which everything may be the object.
-fn prepared(views: &[TrainView], frame: Frame, config: &TrainConfig) -> Prepared {
+pub(super) fn prepared(views: &[TrainView], frame: Frame, config: &TrainConfig) -> Prepared {
     let views: Vec<TrainView> = views
         .iter()
         .map(|view| TrainView {

@@ -28,6 +28,7 @@ mod spread;
 #[cfg(test)]
 mod staged;
 mod standing;
+mod surroundings;
 mod sweep;
 
 use std::sync::atomic::AtomicBool;

@@ -95,6 +95,13 @@ impl PartSet {
         Self { resolution, inside }
     }
 
+    /// Takes voxels out of it.
+    pub(super) fn leave_out(&mut self, voxels: &[bool]) {
+        for (inside, out) in self.inside.iter_mut().zip(voxels) {
+            *inside &= !out;
+        }
+    }
+
     /// Whether a point of the normalised frame belongs to it.
     #[must_use]
     pub fn contains(&self, point: Vec3) -> bool {

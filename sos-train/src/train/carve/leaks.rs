@@ -9,21 +9,15 @@ use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::silence;
-use crate::cells::{around, grown, pieces};
+use crate::cells::grown;
+use crate::flat_zones::{self, flat_zones};
 use crate::prepare::frame::Frame;
 use crate::prepare::mask::Mask;
 use crate::prepare::spans::PixelSpans;
 use crate::prepare::{Prepared, TrainView, outline};
-use crate::squares::Squares;
 use crate::train::Trainer;
 use crate::train::raster::Raster;
 
-/// Squares along a photo's longer side: noise averages out in them.
-const LONGEST: u32 = 400;
-/// Squares of a zone differ from those around them by no more than this in any channel, of 255.
-const FLAT: u8 = 5;
-/// The least share of the picture that a zone has.
-const SMALLEST: f32 = 0.003;
 /// The largest share of a zone that a mask may leak into.
 const CUT: f32 = 0.35;
 /// Up to this one a mask may as well have lost the rest: neither side has a vote.
@@ -57,13 +51,10 @@ fn leaks(data: &Prepared) -> Vec<PixelSpans> {
 
 /// The same for one view; `map` is what all masks together say.
 fn leak(view: &TrainView, mask: &Mask, frame: &Frame, map: &ProbabilityMap) -> PixelSpans {
-    let squares = Squares::new(view.width(), view.height(), LONGEST);
+    let squares = flat_zones::squares(view);
     let raster = Raster::of(view, squares.side);
     let columns = squares.columns as usize;
-    let colours: Vec<[u8; 3]> = (0..squares.rows)
-        .flat_map(|y| (0..squares.columns).map(move |x| (x, y)))
-        .map(|(x, y)| squares.colour(&view.photo, x, y).0)
-        .collect();
+    let colours = flat_zones::colours(view, &squares);
     let inside: Vec<bool> = (0..raster.len())
         .map(|i| {
             let (x, y) = raster.middle(i);
@@ -122,19 +113,11 @@ impl Cut {
 
 /// The flat zones that are cut by the mask which has the squares `inside`; row-major.
 fn cut_off(colours: &[[u8; 3]], inside: &[bool], columns: usize) -> Vec<Cut> {
-    let len = colours.len();
-    let alike = |a: usize, b: usize| {
-        let channels = colours[a].iter().zip(&colours[b]);
-        channels.into_iter().all(|(a, b)| a.abs_diff(*b) <= FLAT)
-    };
-    let flat = |i: usize| around(i, columns, len).all(|j| alike(i, j));
     let mut cuts = Vec::new();
-    // Flat squares beside each other are alike.
-    for zone in pieces(len, columns, flat, |_, _| true) {
+    for zone in flat_zones(colours, columns) {
         let part = zone.iter().copied().filter(|i| inside[*i]).collect();
         let cut = Cut { zone, part };
-        let large = cut.zone.len() as f32 >= SMALLEST * len as f32;
-        if large && !cut.part.is_empty() && cut.share() <= TORN {
+        if !cut.part.is_empty() && cut.share() <= TORN {
             cuts.push(cut);
         }
     }
