@@ -7,6 +7,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
+use crate::cells::grown;
 use crate::flat_zones::{self, flat_zones};
 use crate::prepare::{Frame, Prepared, TrainView};
 use crate::squares::Squares;
@@ -96,6 +97,8 @@ impl Open {
                 zone.into_iter().for_each(|i| inside[i] = true);
             }
         }
+        // What is beside a zone's squares is like them, or they were not flat.
+        let inside = grown(&inside, columns, 1);
         Self { squares, inside }
     }
 
