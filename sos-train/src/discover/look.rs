@@ -14,6 +14,7 @@ use super::masks;
 use super::parts::{PartSet, Parts};
 use super::plane::{self, Plane};
 use super::region;
+use super::sparse_ground;
 use super::surroundings::open_voxels;
 use crate::config::TrainConfig;
 use crate::prepare::error::PrepareError;
@@ -105,8 +106,8 @@ impl Look {
             .map(|point| data.frame.normalised_from_world(point.position))
             .collect();
         let surface = plane::surface_points(&learnt, RESOLUTION);
-        let ground = match plane::ground(&sparse, &cameras, seed) {
-            Some(ground) => Some(plane::settled(ground, &surface, &cameras)),
+        let ground = match sparse_ground::ground(&sparse, &cameras, seed) {
+            Some(ground) => Some(sparse_ground::settled(ground, &surface, &cameras)),
             None => plane::ground_of_surface(&surface, &cameras, seed),
         };
         let mut solid = learnt.clone();

@@ -2,7 +2,7 @@
 //!
 //! A capture says what it is of by where its cameras look. So a background field learns the whole
 //! region of interest ([`region`]) for a while; its depths, fused, are solid shapes; the plane that
-//! things stand on is taken away ([`plane`]), and with it what bulges out of it (`humps.rs`); what stands close together is parted (`standing.rs`); and of the parts
+//! things stand on is taken away ([`sparse_ground`], [`plane`]), and with it what bulges out of it (`humps.rs`); what stands close together is parted (`standing.rs`); and of the parts
 //! that remain, the object is the one in the middle, or the one that a hint points at ([`parts`]). Where a few views have masks,
 //! the object is what they show and what hangs together with it instead, ground or not (`spread.rs`). Where it goes on beyond the region, a larger
 //! one is looked at in the same way; where it hangs together with too much there, it is parted from what hangs on it by thin bridges
@@ -24,6 +24,7 @@ mod normal;
 pub mod parts;
 pub mod plane;
 pub mod region;
+pub mod sparse_ground;
 mod spread;
 #[cfg(test)]
 mod staged;

@@ -9,7 +9,7 @@ pub mod estimate;
 pub mod room;
 
 use crate::config::PrepareConfig;
-use crate::discover::{Hint, plane};
+use crate::discover::{Hint, sparse_ground};
 use crate::prepare::error::PrepareError;
 use crate::prepare::{Frame, MaskConsensus, TrainView};
 use glam::{DVec3, Vec3};
@@ -139,7 +139,7 @@ fn ground(views: &[TrainView], points: &[SparsePoint], around: &Frame) -> Option
         .step_by(stride)
         .map(|point| around.normalised_from_world(point.position))
         .collect();
-    let plane = plane::ground(&normalised, &cameras, SEED)?;
+    let plane = sparse_ground::ground(&normalised, &cameras, SEED)?;
     let normal: DVec3 = plane.normal.as_dvec3().try_normalize()?;
     Some(Ground {
         normal,
