@@ -3,6 +3,29 @@
 
 use std::ops::{Add, Div, Mul};
 
+/// What a lens formula is written in: a number, or one with its derivatives.
+pub(crate) trait Number:
+    Copy + Add<Output = Self> + Mul<Output = Self> + Mul<f64, Output = Self> + Div<Output = Self>
+{
+    fn constant(value: f64) -> Self;
+}
+
+impl Number for f64 {
+    fn constant(value: f64) -> f64 {
+        value
+    }
+}
+
+impl Number for Jet {
+    fn constant(value: f64) -> Jet {
+        Jet {
+            value,
+            by_u: 0.0,
+            by_v: 0.0,
+        }
+    }
+}
+
 /// `value` and its partial derivatives by u and v.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Jet {
@@ -12,14 +35,6 @@ pub(crate) struct Jet {
 }
 
 impl Jet {
-    pub(crate) fn constant(value: f64) -> Jet {
-        Jet {
-            value,
-            by_u: 0.0,
-            by_v: 0.0,
-        }
-    }
-
     pub(crate) fn u(value: f64) -> Jet {
         Jet {
             value,
