@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::judge::Saying;
 use super::look::Look;
-use super::parts::{PartSet, voxel};
+use super::part_set::PartSet;
 use super::spread::spread;
 
 /// Where a region's border begins, in its frame: what lies there may be learnt badly.
@@ -28,7 +28,7 @@ pub(super) fn spread_beyond(before: &Look, wider: &Look) -> Option<PartSet> {
         data,
         depths,
         learnt,
-        open,
+        parts,
         ..
     } = wider;
     spread(data, depths, learnt, |point| {
@@ -36,9 +36,9 @@ pub(super) fn spread_beyond(before: &Look, wider: &Look) -> Option<PartSet> {
         let is_known = is_within(there);
         let sure = |holds: bool| f32::from(u8::from(holds));
         let is_object = is_known && before.chosen.contains(there);
-        let is_open = voxel(point, data.map.resolution()).is_some_and(|cell| open[cell]);
-        let is_other =
-            on_ground(there) || is_open || is_known && !is_near(&before.chosen, there, apart);
+        let is_other = on_ground(there)
+            || parts.keeps_out(point)
+            || is_known && !is_near(&before.chosen, there, apart);
         Saying {
             inside: sure(is_object),
             outside: sure(is_other && !is_object),

@@ -5,7 +5,8 @@ use io_colmap::SparsePoint;
 use scene_decomp::probability::ProbabilityMap;
 use serde::{Deserialize, Serialize};
 
-use super::parts::{PartSet, Parts};
+use super::part_set::PartSet;
+use super::parts::Parts;
 use super::region;
 use super::spread::spread_masks;
 use crate::prepare::error::PrepareError;

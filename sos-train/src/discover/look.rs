@@ -11,7 +11,8 @@ use super::beyond::{is_within, lies_beyond, seen_from, spread_beyond};
 use super::hint::Hint;
 use super::humps;
 use super::masks;
-use super::parts::{PartSet, Parts};
+use super::part_set::PartSet;
+use super::parts::Parts;
 use super::plane::{self, Plane};
 use super::region;
 use super::sparse_ground;
@@ -54,8 +55,6 @@ pub(super) struct Look {
     solid: Vec<f32>,
     /// What was taken away.
     pub(super) ground: Option<Plane>,
-    /// Which voxels were taken away as surroundings without an edge.
-    pub(super) open: Vec<bool>,
     /// The look at a smaller region whose object this one's goes on from: it has what lies there.
     within: Option<Box<Self>>,
 }
@@ -124,9 +123,9 @@ impl Look {
             *distance = f32::INFINITY;
         }
         hint.clip(&mut solid, RESOLUTION, &data.frame);
-        let parts = Parts::new(&solid, RESOLUTION, ground.as_ref(), upwards(&data));
-        let mut chosen = hint.choose(&parts, &data, &depths, &solid)?;
-        chosen.leave_out(&open);
+        let parts =
+            Parts::new(&solid, RESOLUTION, ground.as_ref(), upwards(&data)).keeping_out(open);
+        let chosen = hint.choose(&parts, &data, &depths, &solid)?;
         Ok(Self {
             data,
             depths,
@@ -135,7 +134,6 @@ impl Look {
             learnt,
             solid,
             ground,
-            open,
             within: None,
         })
     }
@@ -170,10 +168,9 @@ impl Look {
         let least = CORE_SHARE * self.chosen.central();
         (1..=MOST_LAYERS).find_map(|layers| {
             let split = self.parts.split(&self.chosen, layers);
-            let mut core = hint
+            let core = hint
                 .choose(&split, &self.data, &self.depths, &self.solid)
                 .ok()?;
-            core.leave_out(&self.open);
             (core.goes_on().is_none() && core.central() >= least).then_some(core)
         })
     }

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 use image::{GrayImage, Luma};
 use neus_render::rays::Ray;
 
-use super::parts::voxel;
+use super::part_set::voxel;
 use crate::prepare::{Frame, TrainView};
 use crate::train::carve::depth::DepthPicture;
 

@@ -21,6 +21,7 @@ mod look;
 pub mod masks;
 mod network;
 mod normal;
+pub mod part_set;
 pub mod parts;
 pub mod plane;
 pub mod region;

@@ -5,22 +5,13 @@ use scene_decomp::probability::ProbabilityMap;
 
 use super::cores::cores;
 use super::hanging::holders;
+use super::part_set::{BORDER_SHARE, PartSet, at_border, central, voxel};
 use super::plane::Plane;
 use super::standing::things;
 use crate::voxels::{components, neighbours};
 
-/// How much less a voxel counts with its distance from the middle: the deviation of a Gaussian.
-const CENTRAL: f32 = 0.45;
 /// What a part counts that goes on beyond the region.
 const CUT_OFF: f32 = 0.1;
-/// Share of a part's voxels at the border from which on it is taken to go on.
-const BORDER_SHARE: f32 = 0.02;
-/// The same for no more of it than a tip: an ear, a nose.
-const TIP_SHARE: f32 = 0.002;
-/// Where the border begins, in the normalised frame.
-const BORDER: f32 = 0.97;
-/// Share of its voxels at the border on one side from which on a part goes on there.
-const SIDE_SHARE: f32 = 0.1;
 /// Parts with less than this share of the chosen one's voxels are crumbs.
 const CRUMB: f32 = 0.002;
 /// Parts this close to the chosen one's bounds belong to it, in the normalised frame.
@@ -44,6 +35,8 @@ pub struct Parts {
     parts: Vec<Part>,
     /// The ground, if things stand on it.
     floor: Option<Plane>,
+    /// What no set has, whichever parts are next to it.
+    barred: Vec<bool>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -63,119 +56,6 @@ impl Part {
     fn is_cut(&self) -> bool {
         self.border as f32 > BORDER_SHARE * self.voxels as f32
     }
-}
-
-/// Voxels of the parts that were chosen, and those next to them.
-#[derive(Clone, Debug)]
-pub struct PartSet {
-    resolution: usize,
-    inside: Vec<bool>,
-}
-
-impl PartSet {
-    /// Of voxels of a surface, each with whether it is the object: those that are, and what is next to them and no part of
-    /// the surface.
-    pub(super) fn of_surface(
-        resolution: usize,
-        surface: impl Iterator<Item = (usize, bool)>,
-    ) -> Self {
-        let mut labels = vec![None; resolution.pow(3)];
-        for (place, is_object) in surface {
-            labels[place] = Some(is_object);
-        }
-        Self::of_labels(resolution, |cell| labels[cell])
-    }
-
-    /// The voxels whose label holds, and those next to them without any.
-    fn of_labels(resolution: usize, label: impl Fn(usize) -> Option<bool>) -> Self {
-        let holds = |cell| label(cell) == Some(true);
-        let inside = (0..resolution.pow(3))
-            .map(|cell| label(cell).unwrap_or_else(|| neighbours(cell, resolution).any(holds)))
-            .collect();
-        Self { resolution, inside }
-    }
-
-    /// Takes voxels out of it.
-    pub(super) fn leave_out(&mut self, voxels: &[bool]) {
-        for (inside, out) in self.inside.iter_mut().zip(voxels) {
-            *inside &= !out;
-        }
-    }
-
-    /// Whether a point of the normalised frame belongs to it.
-    #[must_use]
-    pub fn contains(&self, point: Vec3) -> bool {
-        voxel(point, self.resolution).is_some_and(|cell| self.inside[cell])
-    }
-
-    /// The centres of its voxels, in the normalised frame.
-    pub(super) fn points(&self) -> Vec<Vec3> {
-        (0..self.inside.len())
-            .filter(|&cell| self.inside[cell])
-            .map(|cell| ProbabilityMap::centre(self.resolution, cell))
-            .collect()
-    }
-
-    /// The share of its voxels that lie at the region's border.
-    pub(super) fn border_share(&self) -> f32 {
-        let points = self.points();
-        let border = points.iter().filter(|point| at_border(**point)).count();
-        border as f32 / points.len().max(1) as f32
-    }
-
-    /// The sum of how central its voxels are.
-    pub(super) fn central(&self) -> f32 {
-        self.points().into_iter().map(central).sum()
-    }
-
-    /// Along which axes it goes on beyond the region: 1 or -1 where it does on one side, 0 where it does not or
-    /// on both; `None` where it ends within, but for a tip perhaps.
-    pub(super) fn goes_on(&self) -> Option<Vec3> {
-        self.beyond(BORDER_SHARE)
-    }
-
-    /// The same where a tip of it lies beyond is enough.
-    pub(super) fn reaches_on(&self) -> Option<Vec3> {
-        self.beyond(TIP_SHARE)
-    }
-
-    /// Where it goes on with more than the share `least` of its voxels at the border.
-    fn beyond(&self, least: f32) -> Option<Vec3> {
-        let mut border = self.points();
-        let voxels = border.len();
-        border.retain(|point| at_border(*point));
-        if border.len() as f32 <= least * voxels as f32 {
-            return None;
-        }
-        let side = |axis: usize| {
-            let on = |sign: f32| {
-                let there = border.iter().filter(|p| sign * p[axis] > BORDER).count();
-                f32::from(there as f32 > SIDE_SHARE * border.len() as f32)
-            };
-            on(1.0) - on(-1.0)
-        };
-        Some(Vec3::new(side(0), side(1), side(2)))
-    }
-}
-
-/// How central a point of the normalised frame is, 0..1.
-fn central(point: Vec3) -> f32 {
-    (-0.5 * point.length_squared() / (CENTRAL * CENTRAL)).exp()
-}
-
-/// Whether a point of the normalised frame lies at the region's border.
-fn at_border(point: Vec3) -> bool {
-    point.abs().max_element() > BORDER
-}
-
-/// The voxel of `n^3` that a point of the normalised frame lies in.
-pub(super) fn voxel(point: Vec3, n: usize) -> Option<usize> {
-    if point.is_nan() || point.abs().max_element() >= 1.0 {
-        return None;
-    }
-    let at = ((point * 0.5 + 0.5) * n as f32).as_usizevec3();
-    let [x, y, z] = at.to_array().map(|v| v.min(n - 1));
-    Some((z * n + y) * n + x)
 }
 
 /// How high a voxel is above the ground, in voxels.
@@ -256,13 +136,26 @@ impl Parts {
             labels,
             parts,
             floor,
+            barred: vec![false; resolution.pow(3)],
         }
+    }
+
+    /// The same parts where no set may have any of the `barred` voxels, `[resolution^3]`, which belong to no part.
+    #[must_use]
+    pub(super) fn keeping_out(self, barred: Vec<bool>) -> Self {
+        Self { barred, ..self }
+    }
+
+    /// Whether no set may have a point of the normalised frame.
+    #[must_use]
+    pub(super) fn keeps_out(&self, point: Vec3) -> bool {
+        voxel(point, self.resolution).is_some_and(|cell| self.barred[cell])
     }
 
     /// The same with the parts in `set` fallen apart into their [`cores`], of which `layers` of voxels were taken off.
     #[must_use]
     pub(super) fn split(&self, set: &PartSet, layers: usize) -> Self {
-        let of_set = |cell: usize| set.inside[cell] && self.labels[cell] != 0;
+        let of_set = |cell: usize| set.holds(cell) && self.labels[cell] != 0;
         let (cores, count) = cores(&self.solid, of_set, self.resolution, layers);
         let first = self.parts.len() as u32 - 1;
         let labels = self
@@ -280,6 +173,7 @@ impl Parts {
             first + count,
             self.floor,
         )
+        .keeping_out(self.barred.clone())
     }
 
     /// How many parts there are, crumbs left out.
@@ -363,9 +257,9 @@ impl Parts {
         for &i in chosen {
             wanted[i] = true;
         }
-        PartSet::of_labels(self.resolution, |cell| {
-            let label = self.labels[cell];
-            (label != 0).then(|| wanted[label as usize])
+        PartSet::of_labels(self.resolution, |cell| match self.labels[cell] {
+            0 => self.barred[cell].then_some(false),
+            label => Some(wanted[label as usize]),
         })
     }
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::judge::{Judge, Saying};
 use super::masks;
 use super::network::Network;
-use super::parts::{PartSet, voxel};
+use super::part_set::{PartSet, voxel};
 use crate::likelihood::Colours;
 use crate::prepare::Prepared;
 use crate::prepare::mask::Mask;
