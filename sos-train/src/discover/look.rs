@@ -105,10 +105,10 @@ impl Look {
             .map(|point| data.frame.normalised_from_world(point.position))
             .collect();
         let surface = plane::surface_points(&learnt, RESOLUTION);
-        let ground = match sparse_ground::ground(&sparse, &cameras, seed) {
-            Some(ground) => Some(sparse_ground::settled(ground, &surface, &cameras)),
-            None => plane::ground_of_surface(&surface, &cameras, seed),
-        };
+        let ground = sparse_ground::ground(&sparse, &cameras, seed)
+            .map(|ground| sparse_ground::settled(ground, &surface, &cameras))
+            .filter(|ground| !plane::is_side(ground, &surface))
+            .or_else(|| plane::ground_of_surface(&surface, &cameras, seed));
         let mut solid = learnt.clone();
         if let Some(ground) = &ground {
             let eyes = humps::Eyes::new(&data.views, &data.frame, &depths);

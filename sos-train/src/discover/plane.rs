@@ -61,6 +61,16 @@ pub struct SurfacePoint {
     pub normal: Vec3,
 }
 
+impl SurfacePoint {
+    fn lies_on(&self, plane: &Plane) -> bool {
+        plane.height(self.at).abs() <= NEAR && plane.normal.dot(self.normal) > FACES_UP
+    }
+
+    fn is_at_border(&self) -> bool {
+        self.at.abs().max_element() > BORDER
+    }
+}
+
 /// Centres of the seen solid voxels that border on empty ones, of the fused distances `solid`
 /// `[resolution^3]`.
 #[must_use]
@@ -97,15 +107,12 @@ pub fn ground_of_surface(surface: &[SurfacePoint], cameras: &[Vec3], seed: u64) 
     if judges.len() < LEAST_POINTS {
         return None;
     }
-    let on = |plane: &Plane, p: &SurfacePoint| {
-        plane.height(p.at).abs() <= NEAR && plane.normal.dot(p.normal) > FACES_UP
-    };
     let score = |plane: &Plane| {
         let (mut count, mut border, mut below) = (0.0, 0.0, 0.0);
         for p in &judges {
-            if on(plane, p) {
+            if p.lies_on(plane) {
                 count += 1.0;
-                border += f32::from(u8::from(p.at.abs().max_element() > BORDER));
+                border += f32::from(u8::from(p.is_at_border()));
             }
             below += f32::from(u8::from(plane.height(p.at) < -BELOW_GROUND));
         }
@@ -127,7 +134,7 @@ pub fn ground_of_surface(surface: &[SurfacePoint], cameras: &[Vec3], seed: u64) 
         for _ in 0..3 {
             let near: Vec<Vec3> = judges
                 .iter()
-                .filter(|p| on(&plane, p))
+                .filter(|p| p.lies_on(&plane))
                 .map(|p| p.at)
                 .collect();
             match fitted(&near, &plane, NEAR, cameras) {
@@ -154,6 +161,15 @@ pub fn ground_of_surface(surface: &[SurfacePoint], cameras: &[Vec3], seed: u64) 
         thickness: (DEVIATIONS * deviation).clamp(THICKNESS[0], THICKNESS[1]),
         ..plane
     })
+}
+
+/// Whether a plane is a side of the thing that cameras look at instead of what that stands on: the region's middle lies behind
+/// it, and the fused `surface` that lies on it ends before the region's border. Of too little surface nothing is known.
+pub(super) fn is_side(plane: &Plane, surface: &[SurfacePoint]) -> bool {
+    let on: Vec<_> = surface.iter().filter(|p| p.lies_on(plane)).collect();
+    let border = on.iter().filter(|p| p.is_at_border()).count();
+    let ends = on.len() >= LEAST_POINTS && (border as f32) < LEAST_BORDER * on.len() as f32;
+    ends && plane.height(Vec3::ZERO) < 0.0
 }
 
 /// The plane with its normal on the cameras' side, if most of them are on one.
@@ -262,6 +278,32 @@ pub(super) mod tests {
         let plane = ground_of_surface(&surface, &cameras, 7).unwrap();
         assert!(plane.normal.dot(normal) > 0.999, "{plane:?}");
         assert!((plane.offset + 0.4).abs() < 0.01, "{plane:?}");
+    }
+
+    #[test]
+    fn a_things_front_is_told_from_a_wall_and_a_stand() {
+        let flat = |seed: u64, half: f32, height: f32| {
+            random_points(seed, 1500, move |[a, b, c]| {
+                Vec3::new(half * a, half * b, height + 0.01 * c)
+            })
+        };
+        let of = |points: Vec<Vec3>| -> Vec<SurfacePoint> {
+            let facing = |at| SurfacePoint {
+                at,
+                normal: Vec3::Z,
+            };
+            points.into_iter().map(facing).collect()
+        };
+        let at = |offset: f32| Plane {
+            normal: Vec3::Z,
+            offset,
+            thickness: NEAR,
+        };
+        assert!(is_side(&at(0.3), &of(flat(1, 0.4, 0.3))));
+        // A wall goes on, on a stand stands what cameras look at, and of nothing nothing is known.
+        assert!(!is_side(&at(0.3), &of(flat(2, 1.0, 0.3))));
+        assert!(!is_side(&at(-0.3), &of(flat(3, 0.4, -0.3))));
+        assert!(!is_side(&at(0.3), &[]));
     }
 
     #[test]
