@@ -15,6 +15,7 @@ use super::part_set::PartSet;
 use super::parts::Parts;
 use super::plane::{self, Plane};
 use super::region;
+use super::seams;
 use super::sparse_ground;
 use super::surroundings::open_voxels;
 use crate::config::TrainConfig;
@@ -52,7 +53,7 @@ pub(super) struct Look {
     /// The fused distances of what was learnt, `[RESOLUTION^3]`.
     pub(super) learnt: Vec<f32>,
     /// The same without humps of the ground.
-    solid: Vec<f32>,
+    pub(super) solid: Vec<f32>,
     /// What was taken away.
     pub(super) ground: Option<Plane>,
     /// The look at a smaller region whose object this one's goes on from: it has what lies there.
@@ -194,6 +195,19 @@ impl Look {
         Ok(self)
     }
 
+    /// Ends the object where colours change and surfaces crease, unless masks said where it ends.
+    pub(super) fn settle_ends(&mut self, hint: &Hint) {
+        if matches!(hint, Hint::Masks(_)) {
+            return;
+        }
+        if let Some(within) = &mut self.within {
+            within.settle_ends(hint);
+        }
+        if let Some(object) = seams::settled(self) {
+            self.chosen = object;
+        }
+    }
+
     /// Whether its object was found in a smaller region, and went on from there.
     pub(super) fn goes_beyond_another(&self) -> bool {
         self.within.is_some()
@@ -311,6 +325,23 @@ mod tests {
         }
     }
 
+    /// From all around, from low and from high.
+    fn photos(stage: &Stage) -> Vec<TrainView> {
+        (0..24)
+            .map(|i| (0.26 * f64::from(i), if i % 2 == 0 { 0.6 } else { 2.0 }))
+            .map(|(angle, height)| DVec3::new(2.5 * angle.cos(), 2.5 * angle.sin(), height))
+            .map(|from| stage.photo(from))
+            .collect()
+    }
+
+    /// How many pixels of a view's mask are not the object's by their colour in its photo, or are and not in the mask.
+    fn wrong(mask: &GrayImage, view: &TrainView) -> usize {
+        let pixels = view.photo.pixels().zip(mask.pixels());
+        pixels
+            .filter(|(photo, mask)| (photo.0 == OBJECT) != (mask.0[0] > 0))
+            .count()
+    }
+
     fn look(stage: &Stage, views: &[TrainView], region: Frame) -> Look {
         let config = TrainConfig::preset(Preset::Default);
         let data = prepared(views, region, &config);
@@ -321,11 +352,7 @@ mod tests {
     #[test]
     fn an_object_is_followed_beyond_its_region_and_no_further_than_it_goes() {
         let stage = stage();
-        let views: Vec<TrainView> = (0..24)
-            .map(|i| (0.26 * f64::from(i), if i % 2 == 0 { 0.6 } else { 2.0 }))
-            .map(|(angle, height)| DVec3::new(2.5 * angle.cos(), 2.5 * angle.sin(), height))
-            .map(|from| stage.photo(from))
-            .collect();
+        let views = photos(&stage);
         let region = Frame {
             centre: DVec3::new(-0.05, 0.0, 0.0),
             half_side: 0.5,
@@ -348,14 +375,37 @@ mod tests {
         let all = wider.going_on_from(near, &Hint::Nothing).ok().unwrap();
         assert!(there(&all, first) && there(&all, beyond) && !there(&all, other));
         assert!(all.goes_beyond_another() && all.region_beyond(&Hint::Nothing).is_none());
-        // The first photo's pixels that are the object's by their colour.
-        let wrong = |mask: &GrayImage| {
-            let pixels = views[0].photo.pixels().zip(mask.pixels());
-            pixels
-                .filter(|(photo, mask)| (photo.0 == OBJECT) != (mask.0[0] > 0))
-                .count()
-        };
-        let (before, after) = (wrong(&near_mask), wrong(&all.mask(0)));
+        let (before, after) = (wrong(&near_mask, &views[0]), wrong(&all.mask(0), &views[0]));
         assert!(after < 16 && 2 * after < before, "{before}, {after}");
+    }
+
+    #[test]
+    fn an_object_ends_where_its_colour_does_and_not_where_a_part_was_cut() {
+        let stage = Stage {
+            table: -0.1,
+            balls: vec![Ball {
+                centre: Vec3::ZERO,
+                radius: 0.3,
+                colour: OBJECT,
+            }],
+        };
+        let views = photos(&stage);
+        let region = Frame {
+            centre: DVec3::ZERO,
+            half_side: 0.5,
+        };
+        let mut found = look(&stage, &views, region);
+        // Three voxels of its foot are the ground's, or of the ground its own.
+        for cut in [0.02, -0.02] {
+            let is_object = |p: Vec3| 0.5 * p.z > stage.table + cut && 0.5 * p.length() < 0.33;
+            let surface = found.learnt.iter().enumerate().filter(|(_, d)| **d < 0.0);
+            let labels = surface
+                .map(|(cell, _)| (cell, is_object(ProbabilityMap::centre(RESOLUTION, cell))));
+            found.chosen = PartSet::of_surface(RESOLUTION, labels);
+            let before = wrong(&found.mask(0), &views[0]);
+            found.settle_ends(&Hint::Nothing);
+            let after = wrong(&found.mask(0), &views[0]);
+            assert!(2 * after < before, "{cut}: {before}, {after}");
+        }
     }
 }

@@ -6,8 +6,8 @@
 //! that remain, the object is the one in the middle, or the one that a hint points at ([`parts`]). Where a few views have masks,
 //! the object is what they show and what hangs together with it instead, ground or not (`spread.rs`). Where it goes on beyond the region, a larger
 //! one is looked at in the same way; where it hangs together with too much there, it is parted from what hangs on it by thin bridges
-//! (`cores.rs`), or else followed from what it was to where it ends (`beyond.rs`). Every view's pixels that show this part
-//! are its rough mask ([`masks`]), and from there on a run is like any other.
+//! (`cores.rs`), or else followed from what it was to where it ends (`beyond.rs`). At its ends it ends where colours do (`seams.rs`).
+//! Every view's pixels that show this part are its rough mask ([`masks`]), and from there on a run is like any other.
 //!
 //! The whole of it is open point 5 of the method, which leaves the choice of the surface to the reader.
 
@@ -25,6 +25,7 @@ pub mod part_set;
 pub mod parts;
 pub mod plane;
 pub mod region;
+mod seams;
 pub mod sparse_ground;
 mod spread;
 #[cfg(test)]
@@ -92,6 +93,7 @@ pub fn find_object(
         return Ok(None);
     };
     let border = settle_border(&mut look, hint, refused);
+    look.settle_ends(hint);
     let data = &look.data;
     let masks = data
         .views
