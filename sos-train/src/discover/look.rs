@@ -195,13 +195,11 @@ impl Look {
         Ok(self)
     }
 
-    /// Ends the object where colours change and surfaces crease, unless masks said where it ends.
+    /// Ends the object where colours change and surfaces crease, unless masks said where it ends, or it was followed beyond its
+    /// region by these already.
     pub(super) fn settle_ends(&mut self, hint: &Hint) {
-        if matches!(hint, Hint::Masks(_)) {
+        if matches!(hint, Hint::Masks(_)) || self.goes_beyond_another() {
             return;
-        }
-        if let Some(within) = &mut self.within {
-            within.settle_ends(hint);
         }
         if let Some(object) = seams::settled(self) {
             self.chosen = object;
