@@ -52,7 +52,7 @@ pub(super) struct Look {
     pub(super) parts: Parts,
     /// The fused distances of what was learnt, `[RESOLUTION^3]`.
     pub(super) learnt: Vec<f32>,
-    /// The same without humps of the ground.
+    /// The same without humps of the ground; infinite where surroundings without an edge, or a box, leave it out.
     pub(super) solid: Vec<f32>,
     /// What was taken away.
     pub(super) ground: Option<Plane>,

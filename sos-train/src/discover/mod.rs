@@ -6,7 +6,7 @@
 //! that remain, the object is the one in the middle, or the one that a hint points at ([`parts`]). Where a few views have masks,
 //! the object is what they show and what hangs together with it instead, ground or not (`spread.rs`). Where it goes on beyond the region, a larger
 //! one is looked at in the same way; where it hangs together with too much there, it is parted from what hangs on it by thin bridges
-//! (`cores.rs`), or else followed from what it was to where it ends (`beyond.rs`). At its ends it ends where colours do (`seams.rs`).
+//! (`cores.rs`), or else followed from what it was to where it ends (`beyond.rs`). What it touches begins where colours change (`seams.rs`).
 //! Every view's pixels that show this part are its rough mask ([`masks`]), and from there on a run is like any other.
 //!
 //! The whole of it is open point 5 of the method, which leaves the choice of the surface to the reader.
