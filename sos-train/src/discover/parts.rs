@@ -8,6 +8,7 @@ use super::hanging::holders;
 use super::part_set::{BORDER_SHARE, PartSet, at_border, central, voxel};
 use super::plane::Plane;
 use super::standing::things;
+use crate::train::carve::fusion::seen_surface;
 use crate::voxels::{components, neighbours};
 
 /// What a part counts that goes on beyond the region.
@@ -72,7 +73,7 @@ impl Parts {
     /// view saw the surface close by, for what nobody saw is solid too. `up` is the cameras' mean upward direction.
     #[must_use]
     pub fn new(solid: &[f32], resolution: usize, ground: Option<&Plane>, up: Vec3) -> Self {
-        let unseen = solid.iter().copied().fold(0.0, f32::min);
+        let on_surface = seen_surface(solid);
         let above = |cell: usize| {
             let p = ProbabilityMap::centre(resolution, cell);
             ground.is_none_or(|plane| plane.height(p) > plane.thickness)
@@ -82,7 +83,7 @@ impl Parts {
         let seen = massive
             .iter()
             .zip(solid)
-            .map(|(massive, d)| *massive && *d > 0.999 * unseen);
+            .map(|(massive, d)| *massive && on_surface(*d));
         let seen: Vec<bool> = seen.collect();
         let (labels, count) = match ground {
             Some(plane) => things(&seen, height_above(plane, resolution), resolution),

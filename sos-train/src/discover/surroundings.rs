@@ -12,6 +12,7 @@ use crate::flat_zones::{self, flat_zones};
 use crate::prepare::{Frame, Prepared, TrainView};
 use crate::squares::Squares;
 use crate::train::carve::depth::DepthPicture;
+use crate::train::carve::fusion::seen_surface;
 
 /// Voxels by which a point may lie before or behind what a view shows at its pixel, to be what it shows.
 const SEEN_WITHIN: f32 = 1.5;
@@ -36,10 +37,10 @@ pub(super) fn open_voxels(
     if clicked.is_some_and(|(view, pixel)| witnesses[view].open.holds(pixel)) {
         return vec![false; solid.len()];
     }
-    let unseen = solid.iter().copied().fold(0.0, f32::min);
+    let on_surface = seen_surface(solid);
     let reach = SEEN_WITHIN * 2.0 / resolution as f32;
     let is_open = |(cell, distance): (usize, &f32)| {
-        if *distance >= 0.0 || *distance <= 0.999 * unseen {
+        if !on_surface(*distance) {
             return false;
         }
         let point = ProbabilityMap::centre(resolution, cell);

@@ -63,6 +63,12 @@ pub fn fuse(
         .collect()
 }
 
+/// Tells of the distances `fused` which are of surfaces that views saw, rather than before these or of what nobody saw.
+pub(crate) fn seen_surface(fused: &[f32]) -> impl Fn(f32) -> bool + use<> {
+    let unseen = fused.iter().copied().fold(0.0, f32::min);
+    move |distance| distance < 0.0 && distance > 0.999 * unseen
+}
+
 /// The distance of one voxel, from how far `before` each view's surface it is.
 fn fused(before: impl Iterator<Item = f32>, truncation: f32, deepest: f32) -> f32 {
     let voxel = truncation / TRUNCATION_VOXELS;
