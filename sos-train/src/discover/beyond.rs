@@ -8,7 +8,7 @@ use glam::Vec3;
 use super::judge::Saying;
 use super::look::Look;
 use super::part_set::PartSet;
-use super::spread::spread;
+use super::spread::{CREASES, spread};
 
 /// Where a region's border begins, in its frame: what lies there may be learnt badly.
 const BORDER: f32 = 0.94;
@@ -31,7 +31,7 @@ pub(super) fn spread_beyond(before: &Look, wider: &Look) -> Option<PartSet> {
         parts,
         ..
     } = wider;
-    spread(data, depths, learnt, |point| {
+    spread(data, depths, learnt, CREASES, |point| {
         let there = seen_from(before, wider, point);
         let is_known = is_within(there);
         let sure = |holds: bool| f32::from(u8::from(holds));

@@ -8,8 +8,6 @@ use scene_decomp::probability::ProbabilityMap;
 use super::normal::normal;
 use crate::voxels::neighbours;
 
-/// How badly creases conduct.
-const CREASE: f32 = 4.0;
 /// Conductance between colours however far apart.
 const LEAST_CONDUCTANCE: f32 = 1e-3;
 /// Rounds of conjugate gradients at most, and the residual at which they end, over the first.
@@ -25,11 +23,13 @@ pub(super) struct Network {
 
 impl Network {
     /// Of the voxels `places` of `resolution^3`, which have `colours` (sRGB in `[0, 1]`), `solid` being the fused distances.
+    /// Two of them that are the sides of a right angle conduct worse by `exp(-0.7 creases)`.
     pub(super) fn new(
         places: &[usize],
         colours: &[Vec3],
         solid: &[f32],
         resolution: usize,
+        creases: f32,
     ) -> Self {
         let mut number = vec![u32::MAX; resolution.pow(3)];
         for (i, place) in places.iter().enumerate() {
@@ -69,7 +69,7 @@ impl Network {
                         let crease =
                             (0.5 * (normals[i] - normals[other]).dot(way.normalize())).max(0.0);
                         let alike = (-apart(i, other) / spread).exp() + LEAST_CONDUCTANCE;
-                        (j, alike * (-CREASE * crease).exp() / steps)
+                        (j, alike * (-creases * crease).exp() / steps)
                     })
                     .collect()
             })
@@ -176,7 +176,7 @@ mod tests {
             .map(|(place, label)| if seen(*place) { *label } else { 0.0 })
             .collect();
         let share = |colours: &[Vec3]| {
-            let labels = Network::new(&places, colours, &solid, N).solve(&held, &told);
+            let labels = Network::new(&places, colours, &solid, N, 4.0).solve(&held, &told);
             let right = labels.iter().zip(&truth).zip(&places);
             let hidden = right.filter(|(_, place)| !seen(**place));
             let right: Vec<bool> = hidden.map(|((x, ball), _)| (*x > 0.5) == *ball).collect();

@@ -1,7 +1,7 @@
 //! Where the object ends on a surface that it shares with what it touches: the ground at its foot, a thing beside it.
 //!
-//! Parts end at planes and watersheds, which are where they are to within a few voxels. Near there labels
-//! [spread](super::spread) from what is sure, and end where colours change and surfaces crease.
+//! Parts end at planes and watersheds, which are where they are to within some voxels. Near there what parts say counts for
+//! little: labels [spread](super::spread) from what is sure, and end where colours change and surfaces crease.
 
 use glam::Vec3;
 
@@ -10,15 +10,20 @@ use super::look::Look;
 use super::part_set::{PartSet, voxel};
 use super::spread::spread;
 use crate::distance::signed_distance;
+use crate::train::carve::fusion::seen_surface;
 
 /// Voxels on both sides of a part's end that may be the other's.
-const UNSURE: f32 = 5.0;
+const UNSURE: f32 = 12.0;
+/// How much what parts say counts there, over what it counts elsewhere. At nothing, an object that nowhere is farther from its
+/// end would be lost.
+const GUESS: f32 = 1e-3;
+/// How badly creases conduct: worse than where what is known is far away, and creases of the object's own lie between.
+const CREASES: f32 = 12.0;
 
 /// The object of a look with its ends where colours and creases have them.
 pub(super) fn settled(look: &Look) -> Option<PartSet> {
     let n = look.data.map.resolution();
-    let unseen = look.learnt.iter().copied().fold(0.0, f32::min);
-    let on_surface = |distance: f32| distance < 0.0 && distance > 0.999 * unseen;
+    let on_surface = seen_surface(&look.learnt);
     let surface = |of_object: bool| -> Vec<bool> {
         let cells = look.learnt.iter().enumerate();
         cells
@@ -28,18 +33,23 @@ pub(super) fn settled(look: &Look) -> Option<PartSet> {
     let away_from =
         |of_object: bool| signed_distance(&surface(of_object), &[n; 3], UNSURE as usize + 1);
     let (from_object, from_others) = (away_from(true), away_from(false));
-    spread(&look.data, &look.depths, &look.learnt, |point: Vec3| {
+    let said = |point: Vec3| {
         let Some(cell) = voxel(point, n) else {
             return Saying::default();
         };
-        let sure = |holds: bool| f32::from(u8::from(holds));
         let is_object = look.chosen.holds(cell);
+        let to_end = if is_object {
+            &from_others
+        } else {
+            &from_object
+        }[cell];
+        let counts = if to_end > UNSURE { 1.0 } else { GUESS };
+        let count_of = |holds: bool| if holds { counts } else { 0.0 };
         Saying {
-            inside: sure(is_object && from_others[cell] > UNSURE),
-            outside: sure(
-                !is_object && (from_object[cell] > UNSURE || look.solid[cell].is_infinite()),
-            ),
+            inside: count_of(is_object),
+            outside: count_of(!is_object),
             aside: false,
         }
-    })
+    };
+    spread(&look.data, &look.depths, &look.learnt, CREASES, said)
 }

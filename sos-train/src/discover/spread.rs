@@ -21,6 +21,8 @@ use crate::voxels::{components, neighbours};
 const HOLD_SEEN: f32 = 10.0;
 const HOLD_COLOUR: f32 = 0.02;
 const HOLD_ASIDE: f32 = 0.1;
+/// How badly creases conduct where what is known may be far away.
+pub(super) const CREASES: f32 = 4.0;
 /// Where nothing is known a voxel holds to nothing, but labels have to be somewhere where that is so all around.
 const LEAST_HOLD: f32 = 1e-6;
 /// Of what is known of the object, the share that a set of voxels must have that hangs together with nothing else.
@@ -47,7 +49,7 @@ pub(super) fn spread_masks(
         .iter()
         .map(|(view, mask)| Judge::new(*view, mask, &depths[*view], data))
         .collect();
-    spread(data, depths, solid, |point| {
+    spread(data, depths, solid, CREASES, |point| {
         let mut all = Saying::default();
         for judge in &judges {
             let says = judge.of(point);
@@ -60,11 +62,13 @@ pub(super) fn spread_masks(
 }
 
 /// The voxels of the surface in `depths` that are the object, by what is `said` of its points, of most of them perhaps nothing; `None`
-/// where none is. `solid` are the fused distances, on as many voxels as the map of `data` has.
+/// where none is. `solid` are the fused distances, on as many voxels as the map of `data` has; how badly `creases` conduct is
+/// told in [`Network::new`].
 pub(super) fn spread(
     data: &Prepared,
     depths: &[DepthPicture],
     solid: &[f32],
+    creases: f32,
     said: impl Fn(Vec3) -> Saying + Sync,
 ) -> Option<PartSet> {
     let resolution = data.map.resolution();
@@ -72,7 +76,7 @@ pub(super) fn spread(
     let known = |cell: &Cell| [cell.outside, cell.inside].map(|sure| sure / cell.points);
     let likelihood = Colours::new(cells.iter().map(|cell| (cell.colour, known(cell))));
     let colours: Vec<Vec3> = cells.iter().map(|cell| cell.colour).collect();
-    let network = Network::new(&places, &colours, solid, resolution);
+    let network = Network::new(&places, &colours, solid, resolution, creases);
     let (held, target): (Vec<f32>, Vec<f32>) = cells
         .iter()
         .map(|cell| {
