@@ -2,15 +2,23 @@
 
 use crate::error::CaptureError;
 use crate::matching::Matcher;
-use crate::program::Program;
+use crate::program::{Ended, Program};
 use crate::progress_lines::{Damaged, Lines};
 use crate::watch::{Progress, Stage, Watch};
 use std::path::{Path, PathBuf};
 
 mod command_lines;
 
+/// COLMAP's names of what merges models, adjusts them, and finds their points.
+const MERGER: &str = "model_merger";
+const ADJUSTER: &str = "bundle_adjuster";
+const COMPLETER: &str = "point_triangulator";
+
 pub(crate) use command_lines::{Evidence, FeatureJob};
-use command_lines::{Options, feature_arguments, mapper_arguments, matcher_arguments};
+use command_lines::{
+    Options, adjuster_arguments, completer_arguments, feature_arguments, mapper_arguments,
+    matcher_arguments, merger_arguments,
+};
 
 /// How to get it.
 const GET: &str = "install COLMAP: apt install colmap (Debian, Ubuntu), brew install colmap \
@@ -125,9 +133,8 @@ impl Colmap {
     }
 
     pub(crate) fn options(&self, command: &str) -> Result<Options, CaptureError> {
-        let help = self.program.ask(&[command, "-h"])?;
-        let options = Options::in_help(&help);
-        if options.has("database_path") {
+        let options = self.help_of(command)?;
+        if options.has("database_path") || options.has("output_path") {
             Ok(options)
         } else {
             Err(CaptureError::Missing {
@@ -139,6 +146,12 @@ impl Colmap {
                 remedy: GET,
             })
         }
+    }
+
+    /// What a command can be told; nothing where it is not known.
+    fn help_of(&self, command: &str) -> Result<Options, CaptureError> {
+        let help = self.program.ask(&[command, "-h"])?;
+        Ok(Options::in_help(&help))
     }
 
     /// Finds features in photos that share a camera. `before` of `total` photos are done already.
@@ -231,6 +244,64 @@ impl Colmap {
         }
         let remedy = "run colmap mapper by hand to see more";
         Err(self.program.failed("finding poses", &ended, remedy))
+    }
+
+    /// Whether it has a command that merges models; its Python module has none.
+    pub(crate) fn can_merge(&self) -> Result<bool, CaptureError> {
+        Ok(self.help_of(MERGER)?.has("input_path2"))
+    }
+
+    /// Brings two models that share photos into one, written into `out`; what is there afterwards says whether they fit.
+    pub(crate) fn merge(
+        &self,
+        first: &Path,
+        second: &Path,
+        out: &Path,
+        watch: &dyn Watch,
+    ) -> Result<(), CaptureError> {
+        let arguments = merger_arguments(&self.options(MERGER)?, first, second, out);
+        // It may end as if it had failed where they do not fit.
+        self.program.run(&arguments, watch, |_| {}).map(|_| ())
+    }
+
+    /// Adjusts poses, lenses and points of a model to each other.
+    pub(crate) fn adjust(
+        &self,
+        model: &Path,
+        out: &Path,
+        watch: &dyn Watch,
+    ) -> Result<(), CaptureError> {
+        let arguments = adjuster_arguments(&self.options(ADJUSTER)?, model, out);
+        let ended = self.program.run(&arguments, watch, |_| {})?;
+        let remedy = "run colmap bundle_adjuster by hand to see more";
+        self.ended_well("adjusting merged models", &ended, remedy)
+    }
+
+    /// Adds the points that a model's poses allow, and leaves out those that they do not.
+    pub(crate) fn complete(
+        &self,
+        model: &Path,
+        (images, database): (&Path, &Path),
+        out: &Path,
+        watch: &dyn Watch,
+    ) -> Result<(), CaptureError> {
+        let options = self.options(COMPLETER)?;
+        let arguments = completer_arguments(&options, images, database, model, out);
+        let ended = self.program.run(&arguments, watch, |_| {})?;
+        let remedy = "run colmap point_triangulator by hand to see more";
+        self.ended_well("finding points of merged models", &ended, remedy)
+    }
+
+    fn ended_well(
+        &self,
+        task: &'static str,
+        ended: &Ended,
+        remedy: &str,
+    ) -> Result<(), CaptureError> {
+        if ended.status.success() {
+            return Ok(());
+        }
+        Err(self.program.failed(task, ended, remedy))
     }
 }
 

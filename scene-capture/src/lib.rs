@@ -33,7 +33,7 @@
 //! | `source`, `photos`, `upright` | what a path holds; photos by camera; turned as EXIF says |
 //! | `video`, `frames`, `sharpness` | ffprobe's answer and windows of time; the stream; which frame |
 //! | `colmap`, `matching`, `masks` | command lines; pairs of photos; where not to look |
-//! | `progress_lines`, `models` | what COLMAP says on the way; what it made |
+//! | `progress_lines`, `models`, `merging` | what COLMAP says on the way; what it made; models that share photos |
 //! | `program`, `watch`, `scene`, `error` | running programs; being watched; the folder; failures |
 
 mod colmap;
@@ -41,6 +41,7 @@ mod error;
 mod frames;
 mod masks;
 mod matching;
+mod merging;
 mod models;
 mod photos;
 mod program;

@@ -4,6 +4,7 @@ use crate::colmap::{Colmap, Evidence, FeatureJob, Mapped};
 use crate::error::CaptureError;
 use crate::masks;
 use crate::matching::attempts;
+use crate::merging::Merging;
 use crate::models::Models;
 use crate::photos::{Photo, PhotoSet};
 use crate::source::Source;
@@ -142,7 +143,7 @@ fn check_place(out: &Path, existing: Existing) -> Result<(), CaptureError> {
     Err(CaptureError::bad(out, what, remedy))
 }
 
-fn create(folder: &Path) -> Result<(), CaptureError> {
+pub(crate) fn create(folder: &Path) -> Result<(), CaptureError> {
     fs::create_dir_all(folder).map_err(|e| CaptureError::io("create", folder, e))
 }
 
@@ -339,11 +340,25 @@ impl Job<'_> {
             }
             let sparse = self.folder.join("work").join(format!("sparse-{i}"));
             create(&sparse)?;
-            let models =
+            let mut models =
                 match colmap.poses(images, database, &sparse, evidence, photos, self.watch)? {
                     Mapped::Some => Models::sort(&sparse)?,
                     Mapped::None => Models { sizes: Vec::new() },
                 };
+            if models.registered() < photos {
+                let merging = Merging {
+                    colmap,
+                    images,
+                    database,
+                    sparse: &sparse,
+                    work: &self.folder.join("work").join(format!("merging-{i}")),
+                    watch: self.watch,
+                };
+                if let Some(merged) = merging.merge(&models)? {
+                    self.say(merged.note);
+                    models = merged.models;
+                }
+            }
             self.watch.progress(Progress {
                 stage: Stage::Poses,
                 done: models.registered(),

@@ -167,6 +167,48 @@ pub(super) fn mapper_arguments(
     .words
 }
 
+pub(super) fn merger_arguments(
+    options: &Options,
+    first: &Path,
+    second: &Path,
+    out: &Path,
+) -> Vec<OsString> {
+    Arguments::of(super::MERGER, options)
+        .with("input_path1", first)
+        .with("input_path2", second)
+        .with("output_path", out)
+        .words
+}
+
+pub(super) fn adjuster_arguments(options: &Options, model: &Path, out: &Path) -> Vec<OsString> {
+    Arguments::of(super::ADJUSTER, options)
+        .with("input_path", model)
+        .with("output_path", out)
+        .with_first(
+            &[
+                "BundleAdjustmentCeres.function_tolerance",
+                "BundleAdjustment.function_tolerance",
+            ],
+            FUNCTION_TOLERANCE,
+        )
+        .words
+}
+
+pub(super) fn completer_arguments(
+    options: &Options,
+    images: &Path,
+    database: &Path,
+    model: &Path,
+    out: &Path,
+) -> Vec<OsString> {
+    Arguments::of(super::COMPLETER, options)
+        .with("database_path", database)
+        .with("image_path", images)
+        .with("input_path", model)
+        .with("output_path", out)
+        .words
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -71,6 +71,51 @@ fn photos_become_a_scene_in_either_dialect() {
     }
 }
 
+#[test]
+fn models_that_share_photos_become_one() {
+    let names = [
+        "a.jpg", "b.jpg", "c.jpg", "d.jpg", "e.jpg", "f.jpg", "g.jpg",
+    ];
+    let captured = |merged: Option<&[&str]>, second: &[&str]| {
+        let shop = Workshop::new();
+        let photos = shop.photos(&names);
+        shop.model(0, 0, &names[..5]);
+        shop.model(0, 1, second);
+        if let Some(merged) = merged {
+            shop.merged(merged);
+        }
+        let captured = capture(
+            &Source::Photos(photos),
+            &shop.path("scene"),
+            &shop.tools(Dialect::Four),
+            &CaptureOptions::default(),
+            &(),
+        )
+        .unwrap();
+        let scene = Scene::open(&shop.path("scene")).unwrap();
+        assert_eq!(scene.model.views.len(), captured.registered);
+        let merges = shop.told();
+        let merges = merges
+            .iter()
+            .filter(|told| told.starts_with("model_merger "));
+        (captured, merges.count())
+    };
+    let (made, _) = captured(Some(&names), &names[2..6]);
+    assert_eq!(made.models, [7]);
+    let note = "models of 5 and 4 photos share some, and were merged";
+    assert!(made.notes.iter().any(|n| n == note), "{made:?}");
+    assert!(!made.notes.iter().any(|n| n.contains("fell apart")));
+
+    // They do not fit; two photos are too few; there is nothing new in the second.
+    let (made, merges) = captured(None, &names[2..6]);
+    assert_eq!((&*made.models, merges), (&[5, 4][..], 1));
+    assert!(made.notes.iter().any(|n| n.contains("fell apart")));
+    for second in [&names[3..6], &names[1..5]] {
+        let (made, merges) = captured(Some(&names), second);
+        assert_eq!((made.models.len(), merges), (2, 0), "{second:?}");
+    }
+}
+
 /// An EXIF block with the orientation as its only entry.
 fn exif(orientation: u8) -> Vec<u8> {
     let mut block = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0".to_vec();

@@ -42,9 +42,18 @@ impl Workshop {
         folder
     }
 
-    /// A model that the next attempt of the mapper gives.
+    /// A model that an attempt of the mapper gives.
     pub(crate) fn model(&self, attempt: usize, number: usize, names: &[&str]) {
-        let folder = self.path(&format!("models-{attempt}/{number}"));
+        self.write_model(&format!("models-{attempt}/{number}"), names);
+    }
+
+    /// What models are merged to; nothing otherwise.
+    pub(crate) fn merged(&self, names: &[&str]) {
+        self.write_model("merged", names);
+    }
+
+    fn write_model(&self, folder: &str, names: &[&str]) {
+        let folder = self.path(folder);
         let mut model = Model::default();
         let camera = Camera {
             id: 1,
@@ -100,6 +109,7 @@ impl Workshop {
         let text = format!(
             r#"
 if [ "$1" = help ]; then echo "{banner}"; exit 0; fi
+if [ "$1 $2" = "model_merger -h" ]; then printf '  --input_path2 arg\n  --output_path arg\n'; exit 0; fi
 if [ "$2" = -h ]; then printf '  --database_path arg\n  {options}\n'; exit 0; fi
 echo "$@" >> '{here}/told'
 {before}
@@ -107,6 +117,7 @@ command=$1; shift
 while [ $# -gt 0 ]; do
     case $1 in
         --image_list_path) list=$2;;
+        --input_path) in=$2;;
         --output_path) out=$2;;
     esac
     shift 2
@@ -118,6 +129,10 @@ case $command in
         while [ $i -lt $n ]; do i=$((i + 1)); echo "{features}" {stream}; done;;
     exhaustive_matcher | sequential_matcher | spatial_matcher)
         echo "{block}" {stream};;
+    model_merger)
+        if [ -d '{here}/merged' ]; then cp -r '{here}/merged/.' "$out"; else exit 1; fi;;
+    bundle_adjuster | point_triangulator)
+        cp -r "$in/." "$out";;
     mapper)
         touch '{here}/attempts'
         attempt=$(grep -c . '{here}/attempts'); echo one >> '{here}/attempts'
