@@ -9,16 +9,16 @@ use std::path::{Path, PathBuf};
 
 mod command_lines;
 
-/// COLMAP's names of what merges models, adjusts them, and finds their points.
-const MERGER: &str = "model_merger";
-const ADJUSTER: &str = "bundle_adjuster";
-const COMPLETER: &str = "point_triangulator";
-
 pub(crate) use command_lines::{Evidence, FeatureJob};
 use command_lines::{
     Options, adjuster_arguments, completer_arguments, feature_arguments, mapper_arguments,
     matcher_arguments, merger_arguments,
 };
+
+/// COLMAP's names of what merges models, adjusts them, and finds their points.
+const MERGER: &str = "model_merger";
+const ADJUSTER: &str = "bundle_adjuster";
+const COMPLETER: &str = "point_triangulator";
 
 /// How to get it.
 const GET: &str = "install COLMAP: apt install colmap (Debian, Ubuntu), brew install colmap \

@@ -354,9 +354,17 @@ impl Job<'_> {
                     work: &self.folder.join("work").join(format!("merging-{i}")),
                     watch: self.watch,
                 };
-                if let Some(merged) = merging.merge(&models)? {
-                    self.say(merged.note);
-                    models = merged.models;
+                match merging.merge(&models) {
+                    Ok(Some(merged)) => {
+                        self.say(merged.note);
+                        models = merged.models;
+                    }
+                    Ok(None) => {}
+                    // The models are as they were, and the largest is a scene all the same.
+                    Err(error @ CaptureError::Failed { .. }) => {
+                        self.say(format!("models were not merged: {error}"));
+                    }
+                    Err(error) => return Err(error),
                 }
             }
             self.watch.progress(Progress {

@@ -4,7 +4,7 @@ use crate::stand_ins::{Dialect, Listener, Workshop, text};
 use image::codecs::jpeg::JpegEncoder;
 use image::{GrayImage, ImageEncoder as _, RgbImage};
 use io_colmap::{PhotoHeader, Scene};
-use scene_capture::{CaptureOptions, Existing, Progress, Source, Stage, capture};
+use scene_capture::{CaptureOptions, Existing, Progress, Source, Stage, Tools, capture};
 use std::fs;
 
 const NAMES: [&str; 4] = ["a.jpg", "b.jpg", "c.jpg", "d.jpg"];
@@ -105,6 +105,26 @@ fn models_that_share_photos_become_one() {
     let note = "models of 5 and 4 photos share some, and were merged";
     assert!(made.notes.iter().any(|n| n == note), "{made:?}");
     assert!(!made.notes.iter().any(|n| n.contains("fell apart")));
+
+    // A tool that fails on the way costs no more than the merging.
+    let shop = Workshop::new();
+    let photos = shop.photos(&names);
+    shop.model(0, 0, &names[..5]);
+    shop.model(0, 1, &names[2..6]);
+    shop.merged(&names);
+    let tools = Tools {
+        colmap: shop.colmap(
+            Dialect::Four,
+            r#"if [ "$1" = bundle_adjuster ]; then exit 1; fi"#,
+        ),
+        ffmpeg: None,
+    };
+    let out = shop.path("scene");
+    let options = CaptureOptions::default();
+    let made = capture(&Source::Photos(photos), &out, &tools, &options, &()).unwrap();
+    assert_eq!(made.models, [5, 4]);
+    let said = |n: &String| n.starts_with("models were not merged: ") && n.contains("by hand");
+    assert!(made.notes.iter().any(said), "{made:?}");
 
     // They do not fit; two photos are too few; there is nothing new in the second.
     let (made, merges) = captured(None, &names[2..6]);
