@@ -429,7 +429,6 @@ fn export(
     log: &mut TrainLog,
 ) -> Result<bool> {
     let scene = trainer.freeze();
-    preview::write(&job.run, &scene, data)?;
     let mut begun = Instant::now();
     let mut seconds = || {
         let seconds = begun.elapsed().as_secs_f64();
@@ -449,7 +448,11 @@ fn export(
             return Ok(false);
         }
         pair.par_iter().try_for_each(|&index| {
-            write_view(&job.run, &render_view(&scene, data, &survey, index))
+            let view = render_view(&scene, data, &survey, index);
+            if index == 0 {
+                preview::write_finished(&job.run, &data.views[0].photo, &view)?;
+            }
+            write_view(&job.run, &view)
         })?;
         pair.iter().for_each(|_| stage.advance());
     }
