@@ -1,8 +1,8 @@
 //! What holds a part that hangs in the air.
 //!
 //! Nothing does: a part that does not reach the ground is held by something that photos do not show well enough, a neck of
-//! clear glass, a thin stem, a wire. What stands nearest holds it, if that is no farther away than half of the part's own
-//! size; otherwise it is haze, or a thing on a wall.
+//! clear glass, a thin stem, a wire, or hangs on what it touches. What stands nearest holds it, if that is no farther away
+//! than half of the part's own size; otherwise it is haze, or a thing on a wall.
 
 use std::collections::VecDeque;
 
@@ -14,12 +14,16 @@ use crate::voxels::faces;
 const HANGS: f32 = 6.0;
 /// How far away what holds a part may be, of the part's largest side.
 const NEAR: f32 = 0.5;
-/// Voxels this near touch: what was taken for two things although it touches is not put together again.
+/// Voxels this near touch.
 const TOUCHING: f32 = 1.8;
+/// Of the voxels of what it touches, how many a part may have that hangs on that. More is a thing whose foot no view
+/// shows, and which was taken for one of its own although it touches.
+const LIGHT: f32 = 0.5;
 
 /// What is known of a part.
 #[derive(Clone, Copy)]
 struct Extent {
+    voxels: usize,
     low: Vec3,
     high: Vec3,
     /// How high its lowest voxel is, in voxels.
@@ -30,6 +34,7 @@ struct Extent {
 
 impl Extent {
     const NOTHING: Self = Self {
+        voxels: 0,
         low: Vec3::INFINITY,
         high: Vec3::NEG_INFINITY,
         foot: f32::INFINITY,
@@ -40,11 +45,13 @@ impl Extent {
         self.foot > HANGS
     }
 
-    /// The part that holds it, if one does.
-    fn holder(&self) -> Option<u32> {
+    /// The part that holds it, if one `of_all` does.
+    fn holder(&self, of_all: &[Self]) -> Option<u32> {
         let size = (self.high - self.low + 1.0).max_element();
         let (part, gap) = self.nearest;
-        (self.hangs() && gap > TOUCHING && gap <= NEAR * size).then_some(part)
+        let is_light = || self.voxels as f32 <= LIGHT * of_all[part as usize].voxels as f32;
+        let is_near = gap <= NEAR * size && (gap > TOUCHING || is_light());
+        (self.hangs() && is_near).then_some(part)
     }
 }
 
@@ -63,6 +70,7 @@ pub(super) fn holders(
     let mut extents = vec![Extent::NOTHING; count as usize + 1];
     for (cell, &label) in labels.iter().enumerate().filter(|(_, label)| **label != 0) {
         let extent = &mut extents[label as usize];
+        extent.voxels += 1;
         extent.low = extent.low.min(place(cell));
         extent.high = extent.high.max(place(cell));
         extent.foot = extent.foot.min(height(cell));
@@ -95,7 +103,7 @@ pub(super) fn holders(
         }
     }
     let own = (0..=count).zip(&extents);
-    own.map(|(part, extent)| extent.holder().unwrap_or(part))
+    own.map(|(part, extent)| extent.holder(&extents).unwrap_or(part))
         .collect()
 }
 
@@ -147,8 +155,10 @@ mod tests {
     }
 
     #[test]
-    fn what_touches_was_parted_for_a_reason() {
-        let leaning = [[18, 30], [12, 20], [10, 20]];
+    fn what_touches_hangs_on_it_unless_it_is_heavy() {
+        let leaning = [[18, 30], [12, 20], [10, 22]];
         assert_eq!(held(&[BODY, leaning]), [0, 1, 2]);
+        let handle = [[18, 24], [14, 18], [8, 13]];
+        assert_eq!(held(&[BODY, handle]), [0, 1, 1]);
     }
 }
