@@ -5,7 +5,7 @@ use super::answer::Voice;
 use super::resumed::explain;
 use crate::doctor::room;
 use crate::error::{EXIT_INTERRUPTED, EXIT_OK, InputError};
-use crate::export::check_names;
+use crate::export::{byte, check_names};
 use crate::progress::{AtInterrupt, Progress, watch_interrupt};
 use crate::render::frame::{Frame, draw_object, draw_scene};
 use crate::render::path::{NovelCamera, along_the_photos, of_model, size_like_photos, turntable};
@@ -236,10 +236,6 @@ impl Sequence {
         }
         .write(draft, &format!("{}/{}.png", self.name, camera.name))
     }
-}
-
-fn byte(value: f32) -> u8 {
-    (255.0 * value.clamp(0.0, 1.0)).round() as u8
 }
 
 fn colours(pixels: &[Vec3]) -> Vec<u8> {

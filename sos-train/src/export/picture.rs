@@ -51,7 +51,7 @@ impl Picture<'_> {
 }
 
 /// 0..=1 as 0..=255; what is not a number is 0.
-pub(super) fn byte(value: f32) -> u8 {
+pub(crate) fn byte(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 

@@ -9,7 +9,7 @@ use neus_render::isosurface::{
 
 use super::rays::FrozenScene;
 use crate::config::Transparency;
-use crate::export::WorldMesh;
+use crate::export::{WorldMesh, byte};
 use crate::prepare::Frame;
 use crate::train::semantic::logit_at;
 
@@ -109,7 +109,7 @@ pub fn extract(
         normals: mesh.normals.iter().map(Vec3::to_array).collect(),
         colours: colours
             .chunks_exact(outputs)
-            .map(|c| [0, 1, 2].map(|k| (255.0 * c[k].clamp(0.0, 1.0) + 0.5) as u8))
+            .map(|c| [0, 1, 2].map(|k| byte(c[k])))
             .collect(),
         triangles: mesh.triangles,
     })

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::rays::FrozenScene;
-use crate::export::{ExportError, ViewRender, write_preview};
+use crate::export::{ExportError, ViewRender, byte, write_preview};
 use crate::prepare::Prepared;
 use crate::prepare::pixels::Photo;
 use crate::run_folder::RunFolder;
@@ -54,7 +54,6 @@ pub fn write_finished(
 }
 
 fn bytes(colour: Vec3) -> [u8; 3] {
-    let byte = |value: f32| (255.0 * value.clamp(0.0, 1.0) + 0.5) as u8;
     colour.to_array().map(byte)
 }
 
