@@ -414,6 +414,47 @@ fn no_points_give_no_rows() {
     assert_eq!(samples.colour.dims(), [0, 4]);
 }
 
+/// Gradients of an empty geometry add up, whatever else it went into.
+#[test]
+fn no_points_give_gradients_of_their_shape() {
+    for device in [Device::flex(), Device::ndarray()] {
+        let device = &device.autodiff();
+        let none = |columns| tensor(Vec::new(), [0, columns], device);
+        let geometry = none(11).require_grad();
+        let inputs = ColourFieldInputs {
+            geometry: geometry.clone(),
+            points: none(3),
+            directions: none(3),
+            extra: none(1),
+        };
+        let colours = colour_field::colour_field(inputs, surface(device).colour_weights());
+        let grads = (colours.sum() + geometry.clone().sum()).backward();
+        assert_eq!(geometry.grad(&grads).unwrap().dims(), [0, 11]);
+    }
+}
+
+/// As zero, what is no number would go unnoticed in the loss and spoil the weights' gradients.
+#[test]
+fn geometry_that_is_no_number_gives_a_colour_that_is_none() {
+    for device in [Device::flex(), Device::ndarray()] {
+        let device = &device.autodiff();
+        let (n, spoilt) = (130, 70);
+        let mut geometry = numbers(11 * n, 61);
+        geometry[11 * spoilt + 5] = f32::NAN;
+        let inputs = ColourFieldInputs {
+            geometry: tensor(geometry, [n, 11], device),
+            points: tensor(numbers(3 * n, 62), [n, 3], device),
+            directions: tensor(numbers(3 * n, 63), [n, 3], device),
+            extra: tensor(numbers(n, 64), [n, 1], device),
+        };
+        let colours = colour_field::colour_field(inputs, surface(device).colour_weights());
+        for (row, colour) in values(colours).chunks_exact(4).enumerate() {
+            let is_none = colour.iter().all(|value| value.is_nan());
+            assert!(is_none == (row == spoilt), "{row}: {colour:?}");
+        }
+    }
+}
+
 #[test]
 fn any_number_of_points_can_be_asked_about() {
     // More than are asked about at once: those of a photo are.

@@ -391,7 +391,8 @@ fn finish(
                 let mut value = sum[comptime!(row * QUADS + p)].read();
                 let zero = Quad::new(0.0f32);
                 if comptime!(activation == Activation::ReluAndOne) {
-                    value = max(value, zero);
+                    // Not `max`, which on most devices makes zero of what is no number.
+                    value = select_many(value.less_equal(&zero), zero, value);
                 }
                 if comptime!(activation == Activation::Gated) {
                     value = select_many(gate[at].greater_than(&zero), value, zero);

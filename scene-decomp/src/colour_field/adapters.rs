@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use burn::backend::{Flex, NdArray, tensor::FloatTensor};
+use burn::backend::{Flex, NdArray, TensorMetadata, tensor::FloatTensor};
 use tensor_slices::F32Slices;
 
 use super::backward::{Arguments, ColourFieldBackward};
@@ -33,6 +33,7 @@ fn run<B: F32Slices>(
     let weights = Weights::new([&w1, &b1, &w2, &b2, &w3, &b3]);
     let inputs = Inputs {
         geometry: &geometry,
+        geometry_columns: arguments[0].shape()[1],
         points: &points,
         directions: &directions,
         extra: &extra,

@@ -74,6 +74,8 @@ impl Weights {
 pub(crate) struct Inputs<'a> {
     /// `[n, 1 + G + 3]`.
     pub(crate) geometry: &'a [f32],
+    /// `1 + G + 3`, which without points the values do not tell.
+    pub(crate) geometry_columns: usize,
     /// `[n, 3]`.
     pub(crate) points: &'a [f32],
     /// `[n, 3]`.
@@ -89,16 +91,11 @@ impl<'a> Inputs<'a> {
         self.points.len() / 3
     }
 
-    /// Columns of geometry and of extra, for a network of `inputs` inputs.
-    fn columns(&self, inputs: usize) -> (usize, usize) {
-        let extra = self.extra.len().checked_div(self.len()).unwrap_or(0);
-        (inputs - FRAME - extra, extra)
-    }
-
     /// The tile beginning at point `first`, as the network's input rows.
     #[inline(always)]
     fn tile(&self, first: usize, inputs: usize, x: &mut [f32]) {
-        let (geometry, extra) = self.columns(inputs);
+        let geometry = self.geometry_columns;
+        let extra = inputs - FRAME - geometry;
         let last = (first + POINTS).min(self.len());
         let rows = |slice: &'a [f32], width: usize| &slice[first * width..last * width];
         let (p, rest) = x.split_at_mut(3 * POINTS);
@@ -204,7 +201,7 @@ pub(crate) fn forward(
         kept.copy_from_slice(values);
         kept
     };
-    let geometry_columns = inputs.columns(width).0;
+    let geometry_columns = inputs.geometry_columns;
     let saved = Saved {
         weights,
         geometry_columns,
@@ -229,11 +226,11 @@ struct ForwardTile<'a> {
     out: &'a mut [f32],
 }
 
-/// `x` where positive, else zero.
+/// `x` where positive, else zero. What is no number stays so: as zero it would go unnoticed.
 #[inline(always)]
 fn relu(values: &mut [f32]) {
     for value in values {
-        *value = if *value > 0.0 { *value } else { 0.0 };
+        *value = if *value <= 0.0 { 0.0 } else { *value };
     }
 }
 

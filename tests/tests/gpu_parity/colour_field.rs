@@ -170,6 +170,9 @@ fn a_point_that_is_no_number_spoils_its_own_row_alone() {
             let columns = clean.columns(name);
             assert_equal_but_for_row(name, &found[i], &without[i], columns, row);
         }
+        let columns = clean.columns("value");
+        let own = &found[0][columns * row..columns * (row + 1)];
+        assert!(own.iter().any(|value| value.is_nan()), "{own:?}");
     }
 }
 
