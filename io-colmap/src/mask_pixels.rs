@@ -31,10 +31,38 @@ impl Reading {
     }
 }
 
+/// What a file's alpha channel tells by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Alpha {
+    /// There is none.
+    Missing,
+    /// Nothing: it is the same everywhere, and not zero. An object that fills its photo has such a one, and so has a picture
+    /// that was saved with a channel too many.
+    Opaque,
+    /// What the mask is: it differs from place to place, or all of it is clear.
+    Mask,
+}
+
+impl Alpha {
+    pub(crate) fn of(image: &DynamicImage) -> Alpha {
+        if !image.color().has_alpha() {
+            return Alpha::Missing;
+        }
+        let alpha = image.to_rgba16();
+        let mut values = alpha.pixels().map(|pixel| pixel.0[3]);
+        let first = values.next().unwrap_or(u16::MAX);
+        if first > 0 && values.all(|value| value == first) {
+            Alpha::Opaque
+        } else {
+            Alpha::Mask
+        }
+    }
+}
+
 /// The numbers in a file.
 #[derive(Debug)]
 pub(crate) enum MaskPixels {
-    /// An alpha channel that is not the same everywhere.
+    /// An alpha channel.
     Alpha(GreyImage),
     /// The brightness, where it has 8 bits.
     Narrow(GreyImage),
@@ -43,23 +71,24 @@ pub(crate) enum MaskPixels {
 }
 
 impl MaskPixels {
-    pub(crate) fn of(image: &DynamicImage) -> MaskPixels {
-        if image.color().has_alpha() {
-            let alpha = image.to_rgba16();
-            let first = alpha.pixels().next().map(|p| p.0[3]);
-            if alpha.pixels().any(|p| Some(p.0[3]) != first) {
-                return MaskPixels::Alpha(GreyImage::from_fn(
-                    alpha.width(),
-                    alpha.height(),
-                    |x, y| Luma([eight_bits(alpha.get_pixel(x, y).0[3])]),
-                ));
+    /// The alpha channel of an `image` where that is the mask, else its brightness. In a folder `of_cutouts` it is wherever
+    /// there is one, for an object may fill a photo.
+    pub(crate) fn of(image: &DynamicImage, of_cutouts: bool) -> MaskPixels {
+        match Alpha::of(image) {
+            Alpha::Mask => MaskPixels::of_alpha(image),
+            Alpha::Opaque if of_cutouts => MaskPixels::of_alpha(image),
+            _ if image.color().bytes_per_pixel() / image.color().channel_count() == 1 => {
+                MaskPixels::Narrow(image.to_luma8())
             }
+            _ => MaskPixels::Wide(image.to_luma16()),
         }
-        if image.color().bytes_per_pixel() / image.color().channel_count() == 1 {
-            MaskPixels::Narrow(image.to_luma8())
-        } else {
-            MaskPixels::Wide(image.to_luma16())
-        }
+    }
+
+    fn of_alpha(image: &DynamicImage) -> MaskPixels {
+        let alpha = image.to_rgba16();
+        MaskPixels::Alpha(GreyImage::from_fn(alpha.width(), alpha.height(), |x, y| {
+            Luma([eight_bits(alpha.get_pixel(x, y).0[3])])
+        }))
     }
 
     pub(crate) fn size(&self) -> (u32, u32) {
@@ -125,7 +154,7 @@ impl MaskPixels {
 /// # Errors
 /// [`ColmapError`] if the file cannot be read or decoded.
 pub fn read_mask(path: &Path) -> Result<GreyImage, ColmapError> {
-    Ok(MaskPixels::of(&decode(path, MaskKind::Masks)?).into_grey_alone())
+    Ok(MaskPixels::of(&decode(path, MaskKind::Masks)?, false).into_grey_alone())
 }
 
 pub(crate) fn decode(path: &Path, kind: MaskKind) -> Result<DynamicImage, ColmapError> {

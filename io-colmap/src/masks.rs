@@ -4,7 +4,7 @@ use crate::error::{ColmapError, remedy};
 use crate::listing::Search;
 use crate::mask_kind::MaskKind;
 use crate::mask_names::{Whole, match_masks};
-use crate::mask_pixels::{MaskPixels, Reading, decode};
+use crate::mask_pixels::{Alpha, MaskPixels, Reading, decode};
 use crate::model::View;
 use crate::photo::PICTURE_ENDINGS;
 use crate::photo_likeness::{is_like_photo, refuse_photos};
@@ -40,6 +40,8 @@ pub struct MaskSet {
     /// Decisions taken, one sentence each, for the user to see. The first is the summary.
     pub notes: Vec<String>,
     reading: Reading,
+    /// Whether alpha channels are the masks, in all files that have one.
+    of_cutouts: bool,
     kind: MaskKind,
 }
 
@@ -50,6 +52,7 @@ struct Look {
     largest: u16,
     is_wide: bool,
     is_like_photo: bool,
+    alpha: Alpha,
     /// For each of [`Reading::ALL`].
     shares: [Share; 3],
 }
@@ -120,11 +123,21 @@ impl MaskSet {
             .map(|(name, _)| (*name).to_owned())
             .collect();
 
-        let looks: Vec<Look> = paths
+        let mut looks: Vec<Look> = paths
             .par_iter()
             .zip(views)
-            .filter_map(|(path, view)| Some(look(path.as_ref()?, scene, view, kind)))
+            .filter_map(|(path, view)| Some(look(path.as_ref()?, scene, view, kind, false)))
             .collect::<Result<_, _>>()?;
+        let of_cutouts = looks.iter().any(|look| look.alpha == Alpha::Mask);
+        if of_cutouts {
+            let views = views.iter().zip(&paths);
+            let files = views.filter_map(|(view, path)| Some((view, path.as_ref()?)));
+            for (seen, (view, path)) in looks.iter_mut().zip(files) {
+                if seen.alpha == Alpha::Opaque {
+                    *seen = look(path, scene, view, kind, true)?;
+                }
+            }
+        }
         let looked_at = paths.iter().flatten().zip(&looks);
         let looked_at = looked_at.map(|(path, look)| (path, look.is_like_photo));
         refuse_photos(place, &looked_at.collect::<Vec<_>>(), kind)?;
@@ -203,6 +216,7 @@ impl MaskSet {
             missing,
             notes,
             reading,
+            of_cutouts,
             kind,
         })
     }
@@ -245,7 +259,6 @@ impl MaskFiles {
             let listed = PICTURES.list(dir);
             listed.map_err(|e| ColmapError::io("list", dir, e))
         };
-        // Sorted: a PNG comes after a JPEG of the same name.
         let mut listing = list(dir)?;
         let mut files = std::mem::take(&mut listing.names);
         // What cannot be read of these has none of the scene's registered photos: they were opened.
@@ -342,7 +355,8 @@ impl MaskSet {
         let Some(Some(path)) = self.paths.get(i) else {
             return Ok(None);
         };
-        let mut mask = MaskPixels::of(&decode(path, self.kind)?).into_grey(self.reading);
+        let decoded = decode(path, self.kind)?;
+        let mut mask = MaskPixels::of(&decoded, self.of_cutouts).into_grey(self.reading);
         let (w, h) = mask.dimensions();
         if (w, h) != (width, height) && !same_shape((w, h), (width, height)) {
             return Err(ColmapError::mask(
@@ -369,9 +383,15 @@ impl MaskSet {
     }
 }
 
-fn look(path: &Path, scene: &Scene, view: &View, kind: MaskKind) -> Result<Look, ColmapError> {
+fn look(
+    path: &Path,
+    scene: &Scene,
+    view: &View,
+    kind: MaskKind,
+    of_cutouts: bool,
+) -> Result<Look, ColmapError> {
     let decoded = decode(path, kind)?;
-    let pixels = MaskPixels::of(&decoded);
+    let pixels = MaskPixels::of(&decoded, of_cutouts);
     let size = pixels.size();
     let camera = scene.model.cameras.get(&view.camera_id);
     if let Some(photo) = camera.map(|camera| (camera.width, camera.height))
@@ -396,6 +416,7 @@ fn look(path: &Path, scene: &Scene, view: &View, kind: MaskKind) -> Result<Look,
         largest: pixels.largest(),
         is_wide: pixels.is_wide(),
         is_like_photo: is_like_photo(&pixels, &decoded),
+        alpha: Alpha::of(&decoded),
         shares: Reading::ALL.map(|reading| Share::of(size, |x, y| pixels.byte(x, y, reading))),
     })
 }

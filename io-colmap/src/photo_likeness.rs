@@ -40,7 +40,10 @@ impl MaskFiles {
         let every = paths.len().div_ceil(LOOKED_AT).max(1);
         let looked_at = paths.into_iter().step_by(every).map(|path| {
             let picture = decode(path, kind)?;
-            Ok((path, is_like_photo(&MaskPixels::of(&picture), &picture)))
+            Ok((
+                path,
+                is_like_photo(&MaskPixels::of(&picture, false), &picture),
+            ))
         });
         refuse_photos(dir, &looked_at.collect::<Result<Vec<_>, _>>()?, kind)
     }

@@ -329,6 +329,36 @@ fn photos_are_not_taken_for_masks() {
 }
 
 #[test]
+fn a_cut_out_out_of_view_is_empty_and_one_that_fills_its_photo_is_white() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = scene(dir.path());
+    let masks = dir.path().join("masks");
+    let cut_out = |is_object: fn(u32) -> bool| {
+        image::RgbaImage::from_fn(64, 48, |x, y| {
+            Rgba([
+                (4 * x) as u8,
+                (5 * y) as u8,
+                90,
+                if is_object(x) { 255 } else { 0 },
+            ])
+        })
+    };
+    save(&masks, "p0.png", cut_out(|x| (20..40).contains(&x)));
+    save(&masks, "p1.png", cut_out(|_| false));
+    save(&masks, "p2.png", cut_out(|_| true));
+    save(&masks, "p3.png", disc(64, 48, 255, 0));
+    let set = MaskSet::find(&masks, &scene, Some(Polarity::WhiteIsObject)).unwrap();
+    let share = |i: usize| {
+        let mask = set.load(i, 64, 48).unwrap().unwrap();
+        let sum: f64 = mask.iter().map(|value| f64::from(*value)).sum();
+        sum / f64::from(255 * 64 * 48)
+    };
+    assert_eq!([0, 1, 2].map(share), [20.0 / 64.0, 0.0, 1.0]);
+    // A mask among them keeps its brightness.
+    assert!(share(3) > 0.1 && share(3) < 0.3);
+}
+
+#[test]
 fn masks_drawn_in_one_colour_are_read_by_their_brightness() {
     let dir = tempfile::tempdir().unwrap();
     let scene = scene(dir.path());
