@@ -103,9 +103,13 @@ impl Matches {
 
 fn by_name(photos: &[&str], masks: &[String]) -> Option<Matches> {
     let mut by_key: HashMap<&str, usize> = HashMap::new();
+    let is_png = |mask: &str| mask.to_ascii_lowercase().ends_with(".png");
     for (i, mask) in masks.iter().enumerate() {
-        // The list is sorted so that .png comes last: it wins over a .jpg of the same name.
-        by_key.insert(without_ending(mask), i);
+        // Of several with one name a PNG, for it has lost nothing; else the last in the list.
+        let known = by_key.get(without_ending(mask));
+        if known.is_none_or(|&known| is_png(mask) || !is_png(&masks[known])) {
+            by_key.insert(without_ending(mask), i);
+        }
     }
     let mut bare_count: HashMap<&str, usize> = HashMap::new();
     for photo in photos {
@@ -301,6 +305,22 @@ mod tests {
             pairs(&["c1/a.jpg", "c2/b.jpg"], &["b.png"]),
             Some(vec![None, Some(0)])
         );
+    }
+
+    #[test]
+    fn of_two_masks_by_one_name_the_png_is_taken() {
+        for (masks, taken) in [
+            (["a.jpg", "a.png"], 1),
+            (["a.PNG", "a.jpg"], 0),
+            (["a.png", "a.webp"], 0),
+            (["a.jpg", "a.tif"], 1),
+        ] {
+            assert_eq!(
+                pairs(&["a.jpg"], &masks),
+                Some(vec![Some(taken)]),
+                "{masks:?}"
+            );
+        }
     }
 
     #[test]
