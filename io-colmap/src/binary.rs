@@ -1,6 +1,6 @@
 //! COLMAP's binary format: little endian, counts before lists, no padding.
 
-use crate::camera::Camera;
+use crate::camera::{Camera, LARGEST_SIDE};
 use crate::camera_model::CameraModel;
 use crate::error::{ColmapError, Place, Spot};
 use crate::model::{Model, Observation, SparsePoint, Tracks, View};
@@ -140,9 +140,7 @@ pub(crate) fn checked_camera(
     spot: Spot<'_>,
 ) -> Result<Camera, ColmapError> {
     let remedy = "correct the camera or export the model again";
-    // No photo is larger than this, and products of two such numbers stay exact everywhere.
-    const LARGEST: u64 = 1 << 20;
-    if width > LARGEST || height > LARGEST {
+    if width.max(height) > u64::from(LARGEST_SIDE) {
         return Err(spot.bad(format!("camera {id} has the size {width}x{height}"), remedy));
     }
     let camera = Camera {

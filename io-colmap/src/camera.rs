@@ -9,6 +9,8 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 /// Rays at least this far in front of the camera plane (as z of a unit vector) are given with
 /// `z = 1`; the others would grow without bound.
 const MIN_FORWARD: f64 = 1e-6;
+/// No photo has a longer side, and products of two such numbers stay exact everywhere.
+pub(crate) const LARGEST_SIDE: u32 = 1 << 20;
 
 /// Intrinsics of one camera, shared by any number of views.
 ///
@@ -64,7 +66,8 @@ impl Camera {
 
     /// Why the parameters cannot describe a camera, if they cannot.
     pub(crate) fn complaint(&self) -> Option<String> {
-        if self.width == 0 || self.height == 0 {
+        let sides = [self.width, self.height];
+        if sides.iter().any(|side| !(1..=LARGEST_SIDE).contains(side)) {
             return Some(format!(
                 "camera {} has the size {}x{}",
                 self.id, self.width, self.height

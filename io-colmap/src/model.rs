@@ -59,6 +59,9 @@ pub struct Observation {
     pub pixel: DVec2,
 }
 
+/// What to do about what is listed twice.
+const AGAIN: &str = "a model must list each once; export it again";
+
 /// The two ways COLMAP stores a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Format {
@@ -101,8 +104,20 @@ impl Model {
     /// [`Model::write_binary`].
     ///
     /// # Errors
-    /// [`ColmapError::Io`], and [`ColmapError::Format`] for a model that could not be read back.
+    /// [`ColmapError::Io`], and [`ColmapError::Format`] for a model that could not be read back, also because a binary one lies
+    /// in the folder.
     pub fn write_text(&self, dir: &Path) -> Result<(), ColmapError> {
+        if Format::of(dir) == Some(Format::Binary) {
+            let path = dir.join("cameras.bin");
+            let spot = Spot {
+                path: &path,
+                place: Place::File,
+            };
+            return Err(spot.bad(
+                "a binary model is there, which would be read instead of one in text",
+                "write to another folder, or remove it",
+            ));
+        }
         let tracks = self.tracks_for_writing(dir)?;
         write(
             dir,
@@ -132,6 +147,7 @@ impl Model {
 
     fn tracks_for_writing(&self, dir: &Path) -> Result<Tracks, ColmapError> {
         self.check(&dir.join("images"))?;
+        self.check_numbers(dir)?;
         let index: BTreeMap<u32, usize> = self
             .views
             .iter()
@@ -160,13 +176,52 @@ impl Model {
         Ok(tracks)
     }
 
+    /// What else holds of a model that was read: numbers that are some, points of one id each, cameras by their own.
+    fn check_numbers(&self, dir: &Path) -> Result<(), ColmapError> {
+        let path = dir.join("points3D");
+        let spot = Spot {
+            path: &path,
+            place: Place::File,
+        };
+        let mut ids = HashSet::with_capacity(self.points.len());
+        for point in &self.points {
+            check_point(point.clone(), spot)?;
+            if !ids.insert(point.id) {
+                return Err(spot.bad(format!("two points have the id {}", point.id), AGAIN));
+            }
+        }
+        let path = dir.join("images");
+        let spot = Spot {
+            path: &path,
+            place: Place::File,
+        };
+        for view in &self.views {
+            let Pose {
+                rotation: q,
+                translation: t,
+            } = view.camera_from_world;
+            check_pose([q.w, q.x, q.y, q.z, t.x, t.y, t.z], &view.name, spot)?;
+        }
+        let path = dir.join("cameras");
+        let spot = Spot {
+            path: &path,
+            place: Place::File,
+        };
+        match self.cameras.iter().find(|(id, camera)| **id != camera.id) {
+            Some((id, camera)) => Err(spot.bad(
+                format!("camera {} is listed as {id}", camera.id),
+                "list each camera by its own id",
+            )),
+            None => Ok(()),
+        }
+    }
+
     /// What must hold between the parts of a model: unique ids and names, known cameras.
     fn check(&self, path: &Path) -> Result<(), ColmapError> {
         let spot = Spot {
             path,
             place: Place::File,
         };
-        let again = "a model must list each once; export it again";
         if let Some(what) = self.cameras.values().find_map(Camera::complaint) {
             return Err(spot.bad(what, "correct the camera"));
         }
@@ -174,10 +229,10 @@ impl Model {
         for view in &self.views {
             check_name(&view.name, spot)?;
             if !ids.insert(view.id) {
-                return Err(spot.bad(format!("two photos have the id {}", view.id), again));
+                return Err(spot.bad(format!("two photos have the id {}", view.id), AGAIN));
             }
             if !names.insert(view.name.as_str()) {
-                return Err(spot.bad(format!("two photos are named {:?}", view.name), again));
+                return Err(spot.bad(format!("two photos are named {:?}", view.name), AGAIN));
             }
             if !self.cameras.contains_key(&view.camera_id) {
                 return Err(spot.bad(
@@ -259,10 +314,7 @@ fn read(dir: &Path, sink: &mut dyn FnMut(Observation)) -> Result<Model, ColmapEr
     let mut by_id = BTreeMap::new();
     for camera in cameras {
         if let Some(twin) = by_id.insert(camera.id, camera) {
-            return Err(spot.bad(
-                format!("two cameras have the id {}", twin.id),
-                "a model must list each once; export it again",
-            ));
+            return Err(spot.bad(format!("two cameras have the id {}", twin.id), AGAIN));
         }
     }
     views.sort_by(|a, b| a.name.cmp(&b.name));
@@ -278,10 +330,7 @@ fn read(dir: &Path, sink: &mut dyn FnMut(Observation)) -> Result<Model, ColmapEr
                 path: &points_path,
                 place: Place::File,
             }
-            .bad(
-                format!("two points have the id {}", point.id),
-                "a model must list each once; export it again",
-            ));
+            .bad(format!("two points have the id {}", point.id), AGAIN));
         }
     }
     let model = Model {
