@@ -90,7 +90,9 @@ pub fn read_photo(path: &Path, camera: (u32, u32)) -> Result<DynamicImage, Colma
                 if premultiplied {
                     pixel.0 = straight(pixel.0);
                 }
-                let [colour @ .., _alpha] = &mut pixel.0;
+                let [colour @ .., alpha] = &mut pixel.0;
+                // No number is black and clear, where a rounded one would be white and opaque.
+                *alpha = if alpha.is_nan() { 0.0 } else { *alpha };
                 colour.iter_mut().for_each(|v| *v = srgb_from_linear(*v));
             }
             DynamicImage::ImageRgba8(DynamicImage::ImageRgba32F(linear).into_rgba8())
@@ -164,9 +166,13 @@ fn straight([r, g, b, alpha]: [f32; 4]) -> [f32; 4] {
     [r, g, b, alpha]
 }
 
-/// IEC 61966-2-1.
+/// IEC 61966-2-1; black for what is no number, as a renderer leaves here and there.
 fn srgb_from_linear(value: f32) -> f32 {
-    let value = value.clamp(0.0, 1.0);
+    let value = if value.is_nan() {
+        0.0
+    } else {
+        value.clamp(0.0, 1.0)
+    };
     if value <= 0.003_130_8 {
         12.92 * value
     } else {

@@ -100,21 +100,29 @@ fn the_colours_of_openexr_are_freed_of_their_alpha_and_others_are_as_they_are() 
         [0.4, 0.2, 0.1, 0.5],
         [0.0008, 0.0004, 0.0002, 0.001],
         [0.2, 0.4, 0.8, 0.0],
+        [0.2, f64::NAN, 0.8, 1.0],
+        [0.2, 0.4, 0.8, f64::NAN],
     ];
-    let light = image::Rgba32FImage::from_fn(4, 1, |x, _| {
+    let light = image::Rgba32FImage::from_fn(6, 1, |x, _| {
         image::Rgba(pixels[x as usize].map(|v| v as f32))
     });
     let read = |name: &str| {
         let path = dir.path().join(name);
         DynamicImage::from(light.clone()).save(&path).unwrap();
-        let photo = read_photo(&path, (4, 1)).unwrap().into_rgba8();
-        [0, 1, 2, 3].map(|x| photo.get_pixel(x, 0).0)
+        let photo = read_photo(&path, (6, 1)).unwrap().into_rgba8();
+        [0, 1, 2, 3, 4, 5].map(|x| photo.get_pixel(x, 0).0)
     };
     let opaque = [231, 170, 124, 255];
     let glow = [124, 170, 231, 0];
-    assert_eq!(read("a.exr"), [opaque, [231, 170, 124, 128], [0; 4], glow]);
-    let [same, half, _, clear] = read("a.tiff");
+    // No number is black, and clear.
+    let black = [124, 0, 231, 255];
+    assert_eq!(
+        read("a.exr"),
+        [opaque, [231, 170, 124, 128], [0; 4], glow, black, glow]
+    );
+    let [same, half, _, clear, some, none] = read("a.tiff");
     assert_eq!([same, half, clear], [opaque, [170, 124, 89, 128], glow]);
+    assert_eq!([some, none], [black, glow]);
 }
 
 #[test]
