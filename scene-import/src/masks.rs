@@ -5,9 +5,9 @@ use crate::error::ImportError;
 use crate::gather::{Imported, same_shape};
 use crate::labels::Labels;
 use image::GrayImage;
-use io_colmap::{IGNORE_FOLDER, MaskFiles, MaskSet, Polarity, Scene, write_png};
+use io_colmap::{IGNORE_FOLDER, MaskFiles, MaskSet, Polarity, Scene, View, write_png};
 use rayon::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Where to take masks from.
@@ -264,6 +264,22 @@ fn write_label(
     Ok(written)
 }
 
+/// Refuses photos whose masks would have one name.
+pub(crate) fn check_names(views: &[View], folder: &Path) -> Result<(), ImportError> {
+    let mut photos: BTreeMap<PathBuf, &str> = BTreeMap::new();
+    for view in views {
+        let mask = mask_path(folder, &view.name);
+        if let Some(other) = photos.insert(mask, view.name.as_str()) {
+            return Err(ImportError::bad(
+                folder,
+                format!("the photos {other} and {} would have one mask", view.name),
+                "rename one of the two, also where its pose is listed",
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// Where a photo's mask goes: its name, with another ending.
 pub(crate) fn mask_path(folder: &Path, photo: &str) -> PathBuf {
     folder.join(photo).with_extension("png")
@@ -280,6 +296,27 @@ pub(crate) fn save(mask: &GrayImage, path: &Path) -> Result<(), ImportError> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use io_colmap::Pose;
+
+    #[test]
+    fn photos_whose_masks_would_have_one_name_are_refused() {
+        let view = |name: &str| View {
+            id: 1,
+            name: name.to_owned(),
+            camera_id: 1,
+            camera_from_world: Pose {
+                rotation: glam::DQuat::IDENTITY,
+                translation: glam::DVec3::ZERO,
+            },
+        };
+        let of = |names: [&str; 2]| check_names(&names.map(view), Path::new("masks"));
+        assert!(of(["a/1.jpg", "b/1.jpg"]).is_ok());
+        let said = of(["a/1.jpg", "a/1.png"]).unwrap_err().to_string();
+        assert!(
+            said.contains("a/1.jpg and a/1.png would have one mask"),
+            "{said}"
+        );
+    }
 
     #[cfg(target_os = "linux")]
     #[test]

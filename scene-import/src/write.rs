@@ -3,7 +3,7 @@
 use crate::alpha;
 use crate::error::ImportError;
 use crate::gather::{Dropped, Imported};
-use crate::masks::{Chosen, MaskOptions, mask_path, save};
+use crate::masks::{Chosen, MaskOptions, check_names, mask_path, save};
 use draft_folder::{Draft, Occupant};
 use io_colmap::{
     ColmapError, IGNORE_FOLDER, Model, POLARITY_FILE, PhotoHeader, Polarity, Scene, read_photo,
@@ -116,6 +116,7 @@ impl Imported {
             ));
         }
         if count > 0 {
+            check_names(views, &mask_dir)?;
             // So that whoever reads them need not guess, and cannot guess otherwise than the user has said here.
             let path = mask_dir.join(POLARITY_FILE);
             let text = format!("{}\n", Polarity::WhiteIsObject);
