@@ -262,11 +262,13 @@ impl Gather {
             .iter()
             .map(|c| c.distance(mean))
             .fold(0.0_f64, f64::max);
-        if centres.len() < 2 || mean.length() <= FAR_AWAY * spread {
-            return;
-        }
         // Whole units, so that the offset can be typed.
         let offset = mean.round();
+        // Cameras that only turn, about wherever, have no spread.
+        let is_spread = spread > 1e-6 * mean.length();
+        if !is_spread || mean.length() <= FAR_AWAY * spread || offset == DVec3::ZERO {
+            return;
+        }
         for (_, view) in views {
             let pose = &mut view.camera_from_world;
             pose.translation += pose.rotation * offset;

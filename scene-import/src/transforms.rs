@@ -96,7 +96,7 @@ struct FrameEntry {
     transform_matrix: Vec<Vec<f64>>,
 }
 
-/// `p_file = scale * rotation * p_original + shift`, as nerfstudio's converters wrote it down.
+/// `p_file = scale * (rotation * p_original + shift)`, as nerfstudio's converters wrote it down.
 struct Applied {
     rotation: DMat3,
     shift: DVec3,
