@@ -70,6 +70,23 @@ impl Program {
             + &String::from_utf8_lossy(&output.stderr))
     }
 
+    /// How a program that says little ends, what it prints, and the lines of its standard error.
+    pub(crate) fn answer(
+        &self,
+        arguments: &[OsString],
+    ) -> Result<(ExitStatus, String, Vec<String>), CaptureError> {
+        let (mut running, lines) = self.start(arguments, false)?;
+        let mut text = Vec::new();
+        if let Some(mut output) = running.child.stdout.take() {
+            output
+                .read_to_end(&mut text)
+                .map_err(|e| CaptureError::io("read", &self.path, e))?;
+        }
+        let status = running.end(&())?;
+        let text = String::from_utf8_lossy(&text).into_owned();
+        Ok((status, text, lines.iter().collect()))
+    }
+
     /// Runs the program to its end, and hands over its lines.
     ///
     /// Returns how it ended and what it said last. It is killed when the watch says so.

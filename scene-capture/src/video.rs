@@ -132,16 +132,11 @@ impl Ffmpeg {
             .into();
         arguments.extend(["-show_streams", "-show_format", "-of", "json"].map(OsString::from));
         arguments.push(file_url(video));
-        let mut text = String::new();
-        let mut other = crate::program::LastLines::default();
-        let ended = self.ffprobe.run(&arguments, &(), |line| {
-            text.push_str(line);
-            text.push('\n');
-        })?;
-        if !ended.status.success() {
-            for line in text.lines().filter(|line| !line.trim().is_empty()) {
-                other.push(line.to_owned());
-            }
+        // What it complains of on the way is none of the answer.
+        let (status, text, complaints) = self.ffprobe.answer(&arguments)?;
+        if !status.success() {
+            let mut other = crate::program::LastLines::default();
+            complaints.into_iter().for_each(|line| other.push(line));
             let why = other.reason().unwrap_or_default();
             return Err(CaptureError::bad(
                 video,

@@ -124,3 +124,16 @@ fn files_that_are_no_videos_are_refused() {
     shop.script("ffprobe", "echo '{\"streams\": []}'");
     assert!(said(&video).contains("there is no video in the file; convert it first"));
 }
+
+#[test]
+fn a_video_of_which_something_is_said_is_read_all_the_same() {
+    let shop = Workshop::new();
+    let ffmpeg = shop.ffmpeg(&[], SECONDS, "");
+    let video = shop.path("v.mp4");
+    fs::write(&video, "a video").unwrap();
+    let answer = fs::read_to_string(shop.path("ffprobe")).unwrap();
+    let (_, rest) = answer.split_once('\n').unwrap();
+    let complaint = "echo 'v.mp4: decoding for stream 0 failed' >&2";
+    shop.script("ffprobe", &format!("{complaint}\n{rest}\n{complaint}"));
+    assert_eq!(ffmpeg.probe(&video).unwrap().size, (64, 48));
+}
