@@ -59,7 +59,7 @@ pub struct UnknownWord {
 }
 
 fn remedy(action: &str, error: &io::Error) -> &'static str {
-    let is_read = ["read", "list"].contains(&action);
+    let is_read = ["read", "list", "copy"].contains(&action);
     match error.kind() {
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem if !is_read => {
             "choose a folder you may write to with --out"

@@ -331,10 +331,14 @@ fn repeated(root: &Path) -> String {
 #[must_use]
 pub fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
-    if text
-        .chars()
-        .all(|c| c.is_alphanumeric() || "/\\._-:~+,@".contains(c))
-    {
+    // A backslash parts folders on Windows, and takes the next character's meaning elsewhere.
+    let plain = if cfg!(windows) {
+        "/\\._-:~+,@"
+    } else {
+        "/._-:~+,@"
+    };
+    let is_plain = |c: char| c.is_alphanumeric() || plain.contains(c);
+    if !text.is_empty() && !text.starts_with('~') && text.chars().all(is_plain) {
         text
     } else {
         format!("'{}'", text.replace('\'', "'\\''"))
