@@ -13,7 +13,7 @@ use crate::march::Intervals;
 /// assert_eq!(packing.ray_count(), 1);
 /// assert_eq!(packing.background_offsets(), [0, 1]);
 /// ```
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Packing {
     ray_offsets: Vec<u32>,
     t: Vec<f32>,
@@ -39,6 +39,13 @@ pub struct Marks {
     pub object: Vec<[f32; 2]>,
     /// Of the background's rows, `[m_b]`.
     pub background: Vec<[f32; 2]>,
+}
+
+/// Of no rays.
+impl Default for Packing {
+    fn default() -> Self {
+        Self::new(vec![0], Vec::new(), Vec::new(), Vec::new(), Vec::new())
+    }
 }
 
 impl Packing {

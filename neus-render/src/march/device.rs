@@ -86,11 +86,6 @@ pub fn march_on_device(
         "march_on_device: a capacity of {capacity} intervals"
     );
     assert!(
-        config.step_object > 0.0 && config.step_object.is_finite(),
-        "march_on_device: a step of {} in the object's box",
-        config.step_object
-    );
-    assert!(
         config.background_samples <= MOST_SAMPLES,
         "march_on_device: {} background samples are more than {MOST_SAMPLES}",
         config.background_samples

@@ -113,9 +113,15 @@ impl Default for MarchConfig {
 }
 
 impl MarchConfig {
-    /// Panics, naming `op`, when an interval of the background would have no midpoint.
+    /// Panics, naming `op`, when there is no step in the object's box, or an interval of the background would have no
+    /// midpoint.
     #[track_caller]
     fn check(&self, op: &str, has_background: bool) {
+        assert!(
+            self.step_object > 0.0 && self.step_object.is_finite(),
+            "{op}: a step of {} in the object's box",
+            self.step_object
+        );
         let ends = self.near.is_finite() && (self.far.is_finite() || !self.behind_box);
         assert!(
             ends || !has_background,
@@ -166,7 +172,8 @@ impl Marcher {
     /// The result doesn't depend on the number of threads.
     ///
     /// # Panics
-    /// When the background would be marched from or to infinity: see [`MarchConfig::far`].
+    /// When there is no step in the object's box, or the background would be marched from or to infinity: see
+    /// [`MarchConfig::step_object`] and [`MarchConfig::far`].
     pub fn march(
         &mut self,
         rays: &[Ray],
