@@ -17,7 +17,7 @@ const AHEAD: usize = 4;
 /// The sums of `count` columns of `[n, width]`, from `first` on: `[count]`; zeros when there are no rows.
 ///
 /// # Panics
-/// When the matrix has no such columns, is none, or is not row-major.
+/// When the matrix has no such columns, of none are asked for, is none, or is not row-major.
 #[must_use]
 pub fn column_sums(matrix: &CubeTensor, first: usize, count: usize) -> CubeTensor {
     let (rows, width) = (matrix.meta.shape()[0], matrix.meta.shape()[1]);
@@ -32,10 +32,10 @@ pub fn column_sums(matrix: &CubeTensor, first: usize, count: usize) -> CubeTenso
     sums
 }
 
-/// Panics unless `count` columns from `first` on are some of `width`.
+/// Panics unless `count` columns from `first` on are some of `width`, one at least.
 fn expect_columns(width: usize, first: usize, count: usize) {
     assert!(
-        first <= width && count <= width - first,
+        first < width && (1..=width - first).contains(&count),
         "column_sums: {count} columns from {first} on, of a matrix of {width}"
     );
 }
@@ -171,7 +171,8 @@ mod tests {
     fn columns_that_are_not_there_are_refused() {
         let refused =
             |first, count| std::panic::catch_unwind(|| expect_columns(12, first, count)).is_err();
-        assert!(!refused(0, 12) && !refused(2, 3) && !refused(11, 1) && !refused(12, 0));
+        assert!(!refused(0, 12) && !refused(2, 3) && !refused(11, 1));
+        assert!(refused(0, 0) && refused(12, 0));
         assert!(refused(0, 13) && refused(11, 2) && refused(12, 1) && refused(13, 0));
         assert!(refused(1, usize::MAX) && refused(usize::MAX, 2));
     }

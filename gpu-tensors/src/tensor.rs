@@ -76,6 +76,9 @@ fn fresh_of(like: &CubeTensor, shape: Shape) -> CubeTensor {
 
 /// The most points, whole blocks of them, whose matrices of so many `rows` a device binds as one buffer each, up to a
 /// number that no step of training exceeds and that is no burden to anybody's memory.
+///
+/// # Panics
+/// When there are no rows.
 #[must_use]
 pub fn points_at_once(like: &CubeTensor, rows: usize) -> usize {
     const MOST: usize = 1 << 17;

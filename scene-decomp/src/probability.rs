@@ -36,7 +36,11 @@ impl ProbabilityMap {
     }
 
     /// The largest sample of m^P on the segment of unit `direction` from `origin`, between
-    /// distances `near` and `far`, looked up once a voxel. Stops early at `enough`.
+    /// distances `near` and `far`, looked up once a voxel. Stops early at `enough`. The segment is to lie in the cube: beyond
+    /// it values are those of the border's voxels.
+    ///
+    /// # Panics
+    /// When `far` is no finite number.
     #[must_use]
     pub fn max_along(
         &self,
@@ -45,6 +49,7 @@ impl ProbabilityMap {
         (near, far): (f32, f32),
         enough: f32,
     ) -> f32 {
+        assert!(far.is_finite(), "max_along: a segment to {far}");
         let step = 2.0 / self.resolution as f32;
         let n = self.resolution;
         let voxel = |v: f32| {

@@ -22,7 +22,7 @@ pub(crate) fn grow(
         cost[seed] = 0.0;
         queue.push(Reverse((0, seed)));
     }
-    let mut reached = Vec::with_capacity(count);
+    let mut reached = Vec::with_capacity(count.min(width * height));
     while reached.len() < count {
         let Some(Reverse((bits, pixel))) = queue.pop() else {
             break;

@@ -115,12 +115,19 @@ pub fn sample_surface(mesh: &TriangleMesh, n: usize, seed: u64) -> Vec<DVec3> {
 /// assert!((score.absolute.chamfer - 0.1).abs() < 1e-12);
 /// # Ok::<(), sos_eval::EvalError>(())
 /// ```
+///
+/// # Errors
+/// [`EvalError::EmptyMesh`] for a mesh without a surface.
+///
+/// # Panics
+/// Without samples.
 pub fn compare_meshes(
     pred: &TriangleMesh,
     truth: &TriangleMesh,
     samples: usize,
     seed: u64,
 ) -> Result<MeshScore, EvalError> {
+    assert!(samples > 0, "compare_meshes: no samples");
     let (on_pred, on_truth) = (
         sample_surface(pred, samples, seed),
         sample_surface(truth, samples, seed),
