@@ -1,18 +1,25 @@
 //! Where cameras have come to be in a run that refined them.
 
-use crate::prepare::TrainView;
-use crate::run_folder::RunFolder;
-use io_colmap::{ColmapError, Model};
+use draft_folder::Draft;
+use io_colmap::Model;
 
-/// Writes `cameras/`: `model` without its points, which were not moved along, and with the poses of `views`.
+use super::ExportError;
+use crate::prepare::TrainView;
+use crate::run_folder::{RunError, RunFolder};
+
+/// Writes `cameras/`: `model` without its points, which were not moved along, and with the poses of the views that were
+/// `moved`. Where none were, a folder that is there is an earlier end's of this run, and goes.
 ///
 /// # Errors
 /// When a file cannot be written.
 pub fn write_cameras(
     run: &RunFolder,
     model: &Model,
-    views: &[TrainView],
-) -> Result<(), ColmapError> {
+    moved: Option<&[TrainView]>,
+) -> Result<(), ExportError> {
+    let Some(views) = moved else {
+        return Ok(run.forget_cameras()?);
+    };
     let mut model = Model {
         points: Vec::new(),
         ..model.clone()
@@ -20,5 +27,7 @@ pub fn write_cameras(
     for (view, moved) in model.views.iter_mut().zip(views) {
         view.camera_from_world = moved.camera_from_world;
     }
-    model.write_binary(&run.cameras_dir())
+    let draft = Draft::beside(&run.cameras_dir()).map_err(RunError::from)?;
+    model.write_binary(draft.path())?;
+    Ok(draft.replace().map_err(RunError::from)?)
 }

@@ -2,7 +2,7 @@
 //!
 //! Two kinds of lines: [`LogRecord`]s, and events, which have a key `event`:
 //! ```text
-//! {"step":0,"event":"start","device":"cpu (8 threads)"}
+//! {"step":0,"event":"start","device":"Flex on 8 threads"}
 //! {"step":100,"seconds":9.1,"psnr":21.4,…,"losses":{"colour":0.012,…}}
 //! {"step":100,"event":"note","text":"the masks are white = object"}
 //! {"step":6000,"event":"end","seconds":702.5}

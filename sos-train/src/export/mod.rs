@@ -39,6 +39,9 @@ pub enum ExportError {
     /// The file system refused.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// Cameras that cannot be written.
+    #[error(transparent)]
+    Colmap(#[from] io_colmap::ColmapError),
     /// Two photos whose results would have one name.
     #[error(
         "{}: the photos {first:?} and {second:?} differ only in their ending, so that their mattes would have the same name; rename one of them in the photo folder and the model",

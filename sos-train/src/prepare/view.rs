@@ -2,6 +2,7 @@
 
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 use image::GrayImage;
+use image::imageops::{FilterType, resize};
 use io_colmap::{Camera, ColmapError, MaskSet, Model, Pose, Scene, View};
 use neus_render::rays::{Projection, Ray};
 use rayon::prelude::*;
@@ -11,6 +12,9 @@ use super::error::PrepareError;
 use super::frame::Frame;
 use super::mask::Mask;
 use super::pixels::{Photo, PixelStore};
+
+/// How photos are made smaller. A tent as wide as two of the new pixels: what is finer does not come back as a pattern.
+const SMALLER: FilterType = FilterType::Triangle;
 
 /// A lens, as the renderer asks for it.
 #[derive(Clone, Debug)]
@@ -53,11 +57,9 @@ impl TrainView {
     pub fn downscaled(&self, factor: u32) -> Result<Self, PrepareError> {
         let part = |pixels: u32| (pixels / factor.max(1)).max(1);
         let (width, height) = (part(self.width()), part(self.height()));
-        // A tent as wide as two of the new pixels: what is finer does not come back as a pattern.
-        let filter = image::imageops::FilterType::Triangle;
-        let smaller = |mask: &Mask| image::imageops::resize(&mask.picture(), width, height, filter);
+        let smaller = |mask: &Mask| resize(&mask.picture(), width, height, SMALLER);
         let (mask, ignored) = (self.mask.as_ref(), self.ignored.as_ref());
-        let photo = image::imageops::resize(&self.photo, width, height, filter);
+        let photo = resize(&self.photo, width, height, SMALLER);
         Ok(Self {
             name: self.name.clone(),
             lens: Lens(self.lens.0.scaled_to(width, height)),
@@ -72,6 +74,15 @@ impl TrainView {
                 .transpose()?,
             store: self.store.clone(),
         })
+    }
+
+    /// A mask of the photo at its full size as a view of this size has it, white is the object.
+    ///
+    /// # Errors
+    /// [`PrepareError::Store`] when there is no room for it.
+    pub(crate) fn fitting(&self, mask: &GrayImage) -> Result<Mask, PrepareError> {
+        let smaller = resize(mask, self.width(), self.height(), SMALLER);
+        Mask::of_white(&smaller, &self.store)
     }
 
     /// The same view with another rough mask, white is the object.

@@ -1,6 +1,6 @@
-//! What has been said about a run's results, and made of them, when they are drawn anew.
+//! What has been said about a run's results, and made of them, when they are drawn anew; and results that are not.
 
-use super::files::remove_file;
+use super::files::{remove_file, remove_folder};
 use super::{MADE_FOLDERS, RunError, RunFolder};
 
 impl RunFolder {
@@ -22,6 +22,22 @@ impl RunFolder {
             made.join(" and ")
         );
         Ok(Some(note).filter(|_| !made.is_empty()))
+    }
+
+    /// Removes the cameras of an earlier end, for no camera is where they have it.
+    ///
+    /// # Errors
+    /// [`RunError::Io`].
+    pub(crate) fn forget_cameras(&self) -> Result<(), RunError> {
+        remove_folder(&self.cameras_dir())
+    }
+
+    /// Removes the mesh of an earlier end, for there is none now.
+    ///
+    /// # Errors
+    /// [`RunError::Io`].
+    pub(crate) fn forget_mesh(&self) -> Result<(), RunError> {
+        remove_file(&self.mesh_path())
     }
 }
 
@@ -51,5 +67,14 @@ mod tests {
             "{note}"
         );
         assert!(run.root().join("render/turntable").is_dir());
+        let cameras = run.cameras_dir();
+        run.write(&cameras.join("images.bin"), |out| out.write_all(b"old"))
+            .unwrap();
+        run.forget_cameras().unwrap();
+        run.forget_mesh().unwrap();
+        assert!(!cameras.exists() && !run.mesh_path().exists());
+        // There may be none.
+        run.forget_cameras().unwrap();
+        run.forget_mesh().unwrap();
     }
 }

@@ -13,6 +13,7 @@ pub mod clock;
 mod contested;
 mod courier;
 pub mod distortion;
+mod found_masks;
 mod gather;
 pub mod grids;
 pub mod ledger;
@@ -137,12 +138,6 @@ impl StepReport {
     #[must_use]
     pub fn is_finite(&self) -> bool {
         self.losses.is_finite()
-    }
-
-    /// Peak signal-to-noise ratio of the batch in dB.
-    #[must_use]
-    pub fn psnr(&self) -> f32 {
-        -10.0 * self.losses.mse.max(1e-10).log10()
     }
 }
 

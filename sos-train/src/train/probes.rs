@@ -14,7 +14,8 @@ const PROBES: usize = 1024;
 /// Fixed rays on which the matte is followed.
 pub(super) struct Probes {
     rays: Vec<Ray>,
-    mattes: Vec<f32>,
+    /// None yet before the first look.
+    mattes: Option<Vec<f32>>,
 }
 
 impl Probes {
@@ -22,25 +23,20 @@ impl Probes {
         let sampler = Sampler::new(data, config.seed ^ 0x0070_0be5, 1.0);
         Self {
             rays: sampler.draw(data, 0, PROBES).rays,
-            mattes: Vec::new(),
+            mattes: None,
         }
     }
 
-    /// Mean change of the mattes since the last call.
-    pub(super) fn change(&mut self, trainer: &Trainer) -> f32 {
+    /// Mean change of the mattes since the last call; `None` the first time.
+    pub(super) fn change(&mut self, trainer: &Trainer) -> Option<f32> {
         let scene: FrozenScene = trainer.freeze();
         let mattes = scene.mattes(&self.rays);
-        let change = if self.mattes.len() == mattes.len() {
-            let sum: f32 = mattes
-                .iter()
-                .zip(&self.mattes)
-                .map(|(a, b)| (a - b).abs())
-                .sum();
+        let change = self.mattes.as_ref().map(|before| {
+            let pairs = mattes.iter().zip(before);
+            let sum: f32 = pairs.map(|(now, before)| (now - before).abs()).sum();
             sum / mattes.len().max(1) as f32
-        } else {
-            1.0
-        };
-        self.mattes = mattes;
+        });
+        self.mattes = Some(mattes);
         change
     }
 }

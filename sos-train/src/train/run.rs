@@ -9,13 +9,12 @@ use rayon::prelude::*;
 
 use super::Trainer;
 use super::checkpoint::frame_of;
+use super::found_masks;
 use super::probes::Probes;
 use crate::device;
 use crate::discover::{Hint, find_object};
 use crate::doctor::admission::{Admission, admit};
-use crate::export::{
-    LogRecord, TrainLog, read_log, write_cameras, write_found_mask, write_mesh, write_view,
-};
+use crate::export::{LogRecord, TrainLog, read_log, write_cameras, write_mesh, write_view};
 use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::live::{LiveView, Wish, attend};
 use crate::prepare::error::PrepareError;
@@ -143,9 +142,8 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     }
     let mut data = at_full_size(data, job)?;
     trainer.place_cameras(&mut data);
-    if trainer.has_moved_cameras() {
-        write_cameras(&job.run, &job.scene.model, &data.views)?;
-    }
+    let moved = trainer.has_moved_cameras().then_some(&*data.views);
+    write_cameras(&job.run, &job.scene.model, moved)?;
     if !export(job, &trainer, &data, &progress, &mut log)? {
         // The last checkpoint has everything: a resumed run goes straight to the pictures.
         let step = trainer.step_number();
@@ -205,6 +203,7 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
         }
         consensus = Some(found);
     }
+    let sizes: Vec<(u32, u32)> = views.iter().map(|v| (v.width(), v.height())).collect();
     views = downscaled(views, job)?;
     let hint = match Hint::of_few_masks(&views) {
         Some(hint) => hint,
@@ -245,10 +244,7 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
     for note in &discovery.notes {
         progress.note(note);
     }
-    for (view, mask) in views.iter_mut().zip(discovery.masks) {
-        let mask = view.mask.get_or_insert(mask);
-        write_found_mask(&job.run, &view.name, &mask.picture())?;
-    }
+    found_masks::keep(&job.run, &mut views, &sizes, &discovery.masks)?;
     Ok(Some(MaskedViews {
         views,
         are_found: true,
@@ -335,6 +331,8 @@ fn train(
                 return Err(PrepareError::Diverged(step).into());
             }
             trainer.recover(&job.run, data)?;
+            // What it says of steps that are done again would have them twice.
+            *log = TrainLog::resume(&job.run, trainer.step_number())?;
             let text = format!(
                 "step {step} gave a loss that is no number; back to step {} at half the learning \
                  rates",
@@ -360,7 +358,8 @@ fn train(
             let psnr = -10.0 * (mse / steps as f32).max(1e-10).log10();
             let alpha_change = step
                 .is_multiple_of(4 * LOG_EVERY)
-                .then(|| probes.change(trainer));
+                .then(|| probes.change(trainer))
+                .flatten();
             let rate = (samples as f64 / seconds) as f32;
             let [b, b_background] = trainer.sharpness();
             let record = LogRecord {
@@ -460,7 +459,11 @@ fn export(
     let views_seconds = seconds();
     match mesh::extract(&scene, &data.frame, job.config.export.mesh_resolution) {
         Ok(mesh) => write_mesh(&job.run, &mesh)?,
-        Err(error) => progress.note(&format!("no mesh.ply: {error}")),
+        Err(error) => {
+            // One that is there is of an earlier end of this run.
+            job.run.forget_mesh()?;
+            progress.note(&format!("no mesh.ply: {error}"));
+        }
     }
     log.event(
         trainer.step_number(),
