@@ -51,8 +51,6 @@ pub struct RenderedRay {
     pub background: Vec3,
     /// Opacity of the object alone.
     pub object_opacity: f32,
-    /// Opacity of the background alone.
-    pub background_opacity: f32,
     /// Distance along the ray to the object, in the normalised frame; 0 where there is none.
     pub object_distance: f32,
     /// Distance along the ray to the background behind the object; 0 where there is none.
@@ -147,7 +145,7 @@ impl FrozenScene {
     /// [`FrozenScene::render`] gives them: no colours are computed, unless the matte depends on them.
     #[must_use]
     pub fn glances(&self, rays: &[Ray]) -> Vec<Glance> {
-        if self.mattes_need_colours() {
+        if self.mattes_need_colours() || self.is_semantic() {
             let glance = |ray: RenderedRay| Glance {
                 matte: ray.matte,
                 background_distance: ray.background_distance,
@@ -409,7 +407,6 @@ fn of_fields(row: &[f32], background_distance: f32) -> RenderedRay {
         object: colour(column::OBJECT_COLOUR, opacity),
         background: colour(column::BACKGROUND_COLOUR, row[column::BACKGROUND_OPACITY]),
         object_opacity: opacity,
-        background_opacity: row[column::BACKGROUND_OPACITY],
         object_distance: distance(row[column::OBJECT_DEPTH], opacity),
         background_distance,
         ..RenderedRay::default()

@@ -6,7 +6,8 @@ use neus_render::rays::Ray;
 use rayon::prelude::*;
 
 use super::rays::FrozenScene;
-use crate::cells::around;
+use crate::cells::{around, grown};
+use crate::median::median;
 use crate::prepare::{Prepared, TrainView, outline};
 
 /// Pixels between the rays of the survey.
@@ -200,26 +201,12 @@ impl CoarseView {
         view.ray(&self.world_from_camera, pixel)
     }
 
-    /// For each cell whether it lies within `reach` of one of `cells`, along both axes.
-    fn within(&self, cells: impl Iterator<Item = usize>, reach: usize) -> Vec<bool> {
-        let mut near = vec![false; self.cells.count()];
-        for cell in cells {
-            let (x, y) = (cell % self.cells.width, cell / self.cells.width);
-            for y in y.saturating_sub(reach)..(y + reach + 1).min(self.cells.height) {
-                let row = y * self.cells.width;
-                let end = (x + reach + 1).min(self.cells.width);
-                near[row + x.saturating_sub(reach)..row + end].fill(true);
-            }
-        }
-        near
-    }
-
     /// The cells around `cells`, which may be named more than once, that are not drawn yet.
     fn undrawn_around(&self, cells: impl Iterator<Item = usize>) -> Vec<usize> {
         // Of 200 large photos there are tens of millions, a thousand for each cell.
         let mut asked = vec![false; self.cells.count()];
         cells.for_each(|cell| asked[cell] = true);
-        let near = self.within((0..asked.len()).filter(|&cell| asked[cell]), AROUND);
+        let near = grown(&asked, self.cells.width, AROUND);
         (0..self.cells.count())
             .filter(|&cell| near[cell] && !self.drawn[cell])
             .collect()
@@ -242,8 +229,9 @@ impl CoarseView {
 
     /// What of the background lies behind the object and close by its outline, or where the photo is not to be shown.
     fn behind_the_object(&self, view: &TrainView) -> Vec<Vec3> {
-        let object = |&i: &usize| self.ignored[i] || (self.drawn[i] && self.matte[i] > 0.0);
-        let near = self.within((0..self.cells.count()).filter(object), 1);
+        let object = |i: usize| self.ignored[i] || (self.drawn[i] && self.matte[i] > 0.0);
+        let object: Vec<bool> = (0..self.cells.count()).map(object).collect();
+        let near = grown(&object, self.cells.width, 1);
         (0..self.cells.count())
             .filter(|&cell| near[cell] && self.distance[cell] > 0.0)
             .filter_map(|cell| Some(self.ray(view, cell)?.at(self.distance[cell])))
@@ -259,8 +247,7 @@ impl CoarseView {
             }
             // The neighbourhood's median depth: single rays slip through a porous surface.
             let mut depths: Vec<f32> = self.cells.around(cell).map(|i| self.distance[i]).collect();
-            depths.sort_by(f32::total_cmp);
-            depths[depths.len() / 2] * (1.0 + DEPTH_TOLERANCE)
+            median(&mut depths).unwrap_or(0.0) * (1.0 + DEPTH_TOLERANCE)
         };
         let cells = (0..self.cells.count()).into_par_iter();
         Sight {

@@ -1,5 +1,7 @@
 //! A run's scene as its checkpoint has it, to draw what the run itself did not.
 
+use io_colmap::Scene;
+
 use super::rays::FrozenScene;
 use crate::prepare::view::{all_downscaled, find_ignored, load_ignored, load_views};
 use crate::prepare::{KnownScene, MaskConsensus, Prepared, prepare_with};
@@ -24,11 +26,13 @@ pub fn load_trained(run: &RunFolder) -> anyhow::Result<(FrozenScene, Prepared)> 
     let mut config = inputs.config;
     // Pictures are drawn on the CPU, wherever the run was trained.
     "cpu".clone_into(&mut config.device);
-    let mut photos = load_views(&inputs.scene, inputs.masks.as_ref())?;
+    // With poses as they were given: tables have their sizes by them, and where cameras have come to be the trainer knows.
+    let scene = Scene::open(&inputs.scene.root)?;
+    let mut photos = load_views(&scene, inputs.masks.as_ref())?;
     if let Some(dir) = &inputs.ignore {
-        load_ignored(&mut photos, &find_ignored(dir, &inputs.scene)?)?;
+        load_ignored(&mut photos, &find_ignored(dir, &scene)?)?;
     }
-    let (points, sizes) = (&inputs.scene.model.points, &config.prepare);
+    let (points, sizes) = (&scene.model.points, &config.prepare);
     // As the run itself did: the box is found with masks as they are, unless it found them itself, and
     // the tables have the size for photos as they were trained on.
     let given =
