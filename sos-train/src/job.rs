@@ -5,7 +5,7 @@ use crate::config::TrainConfig;
 use crate::discover::Hint;
 use crate::live::Live;
 use crate::run_folder::RunFolder;
-use io_colmap::{MaskSet, Polarity, Scene};
+use io_colmap::{MaskSet, Scene};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -29,15 +29,9 @@ pub struct TrainJob {
     pub given: PathBuf,
     /// Whether the scene is checked before anything is trained.
     pub checks: Checks,
-    /// The scene's folder.
-    pub scene_dir: PathBuf,
-    /// The folder of coarse masks, if there is one.
-    pub masks_dir: Option<PathBuf>,
-    /// Polarity as stated by the user; `None` where it is to be detected.
-    pub polarity: Option<Polarity>,
-    /// What lies in `scene_dir`, opened and checked.
+    /// What lies in its folder, opened and checked.
     pub scene: Scene,
-    /// What lies in `masks_dir`, found and matched.
+    /// Coarse masks, found and matched, if there are any.
     pub masks: Option<MaskSet>,
     /// Where photos are not to be learned from: people who walk by, a watermark.
     pub ignored: Option<MaskSet>,

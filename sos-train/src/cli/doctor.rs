@@ -33,11 +33,7 @@ pub(super) fn doctor(args: &DoctorArgs) -> anyhow::Result<u8> {
         load_ignored(&mut views, &find_ignored(&dir, &patient.scene)?)?;
     }
     let points = &patient.scene.model.points;
-    let hint = match (&args.click, args.object_box) {
-        (Some(click), _) => Hint::Click(click.clone()),
-        (None, Some(object_box)) => Hint::Box(object_box),
-        (None, None) => Hint::Nothing,
-    };
+    let hint = Hint::stated(args.click.clone(), args.object_box);
     let location = Location::find(&views, points, &hint, &config.prepare);
     let agreed = location.mask_consensus(config.prepare.object_threshold);
     let masks = patient.masks_found(agreed);

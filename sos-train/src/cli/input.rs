@@ -2,7 +2,7 @@
 
 use super::TrainArgs;
 use super::answer::Voice;
-use super::resumed::{at_home, explain, going_on, is_own_scene, other_version, photos_of};
+use super::resumed::{Resumed, at_home, explain, going_on, is_own_scene, other_version, photos_of};
 use crate::config::{InputRecord, MaskPolarity, RunRecord, TrainConfig};
 use crate::device::built_in;
 use crate::discover::hint::{Click, WorldBox};
@@ -45,8 +45,8 @@ pub(super) struct Plan {
     pub(super) out: PathBuf,
     /// What a user should know about the file that the settings are of.
     pub(super) note: Option<String>,
-    /// The text of the record of a run that goes on.
-    pub(super) resumed: Option<String>,
+    /// What a run that goes on goes on from.
+    pub(super) resumed: Option<Resumed>,
 }
 
 /// Where the photos come from.
@@ -116,7 +116,8 @@ impl Plan {
         }
         config.validate()?;
         built_in(&config.device)?;
-        if let (true, Some(Kept { record, .. })) = (args.resume, &saved) {
+        let mut resumed = None;
+        if let (true, Some(Kept { record, text, .. })) = (args.resume, &saved) {
             config.check_resumes(&record.config)?;
             // Its record would say that it had fewer.
             let run = RunFolder::open_existing(&out)?;
@@ -131,13 +132,12 @@ impl Plan {
                 return Err(InputError::new(&out, wrong, remedy).into());
             }
             keep_carving(&mut config, &record.config, step);
+            let record = text.clone();
+            resumed = Some(Resumed { record, step });
         }
 
         let note = saved.as_ref().and_then(|kept| kept.note.clone());
-        let (input, resumed) = match saved {
-            Some(kept) => (kept.record.input, Some(kept.text).filter(|_| args.resume)),
-            None => (None, None),
-        };
+        let input = saved.and_then(|kept| kept.record.input);
         // Masks belong to a scene: those of the record only go with its own.
         let recorded = match (input, &args.scene) {
             (Some(input), Some(scene)) if args.resume => Some(going_on(input, scene, &out)?),
@@ -319,7 +319,7 @@ fn no_scene(scene: &Path) -> InputError {
     )
 }
 
-fn read_record(path: &Path) -> anyhow::Result<(RunRecord, String)> {
+pub(super) fn read_record(path: &Path) -> anyhow::Result<(RunRecord, String)> {
     let text = fs::read_to_string(path).map_err(|source| RunError::Io {
         action: "read",
         path: path.to_path_buf(),

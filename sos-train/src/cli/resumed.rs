@@ -5,10 +5,20 @@ use crate::config::{InputRecord, RunRecord, Versions};
 use crate::error::InputError;
 use crate::prepare::error::PrepareError;
 use crate::run_folder::RunFolder;
+use crate::train::checkpoint::step_of;
 use io_colmap::Model;
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+
+/// What a run goes on from.
+#[derive(Debug, Clone)]
+pub(super) struct Resumed {
+    /// The text of its record.
+    pub(super) record: String,
+    /// The step of its checkpoint.
+    pub(super) step: u32,
+}
 
 /// What the run in `out` was given, where SCENE is stated beside `--resume`: it must be what the run was made from.
 /// One that has moved is taken from where it is stated to be; its photos are compared later.
@@ -154,15 +164,17 @@ pub(super) fn explain(run: &RunFolder, error: anyhow::Error) -> anyhow::Error {
     }
 }
 
-/// The same for a run that was to go on, whose record is put back first: it is still what the checkpoint is of.
+/// The same for a run that was to go on. Its record is put back first unless it has gone on: it is still what the checkpoint
+/// is of, and the new one may name a device that is not there.
 pub(super) fn explain_resumed(
     run: &RunFolder,
-    record: &str,
+    from: &Resumed,
     error: anyhow::Error,
 ) -> anyhow::Error {
-    if is_of_checkpoint(&error) {
+    if is_of_checkpoint(&error) || step_of(run).is_ok_and(|step| step == from.step) {
+        let record = from.record.as_bytes();
         // The error that is on its way says more than one from this.
-        let _ = run.write_durably(&run.config_path(), |out| out.write_all(record.as_bytes()));
+        let _ = run.write_durably(&run.config_path(), |out| out.write_all(record));
     }
     explain(run, error)
 }
@@ -342,11 +354,15 @@ mod tests {
         run.begin().unwrap();
         fs::write(run.config_path(), "steps = 1\n").unwrap();
         let record = "[versions]\nsos = \"9.9.9\"\nplatform = \"x\"\n";
+        let from = Resumed {
+            record: record.to_owned(),
+            step: 0,
+        };
         let broken = || PrepareError::Checkpoint {
             path: "fields.bpk".into(),
             what: "another format".to_owned(),
         };
-        let error = explain_resumed(&run, record, broken().into());
+        let error = explain_resumed(&run, &from, broken().into());
         let says = crate::error::sentence(&error);
         assert!(
             says.contains("made by sos 9.9.9") && says.contains("fields.bpk"),

@@ -136,11 +136,12 @@ pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
             // run has begun is an earlier one's.
             let got_somewhere = run.has_begun() && run.has_checkpoint();
             if !args.resume && !got_somewhere {
-                run.abandon(owns_scene)?;
+                // The error that is on its way says more than one from tidying up.
+                let _ = run.abandon(owns_scene);
                 say_kept(&run, captured);
             }
             Err(match &resumed {
-                Some(record) => explain_resumed(&run, record, error),
+                Some(from) => explain_resumed(&run, from, error),
                 None => error,
             })
         }
@@ -208,8 +209,6 @@ struct Ready {
     /// With its steps settled.
     config: TrainConfig,
     scene_dir: PathBuf,
-    masks_dir: Option<PathBuf>,
-    polarity: Option<MaskPolarity>,
     scene: Scene,
     masks: Option<MaskSet>,
     ignored: Option<MaskSet>,
@@ -283,8 +282,6 @@ fn open(args: &TrainArgs, plan: &Plan, site: Site, screen: &Progress) -> anyhow:
     Ok(Ready {
         config,
         scene_dir,
-        masks_dir,
-        polarity,
         scene,
         masks,
         ignored,
@@ -370,7 +367,7 @@ fn start(
     });
     let given = match plan.source {
         Source::Folder(scene) => scene,
-        Source::Demo => ready.scene_dir.clone(),
+        Source::Demo => ready.scene_dir,
     };
     let live = args.view.map(|port| show(port, &ready.run, &interrupt));
     let (live, _server) = live.transpose()?.unzip();
@@ -383,17 +380,10 @@ fn start(
         } else {
             Checks::Make
         },
-        scene_dir: ready.scene_dir,
-        masks_dir: ready.masks_dir,
-        polarity: ready.polarity.map(Into::into),
         scene: ready.scene,
         masks: ready.masks,
         ignored: ready.ignored,
-        hint: match (plan.click, plan.object_box) {
-            (Some(click), _) => Hint::Click(click),
-            (None, Some(object_box)) => Hint::Box(object_box),
-            (None, None) => Hint::Nothing,
-        },
+        hint: Hint::stated(plan.click, plan.object_box),
         run: ready.run,
         resume: args.resume,
         quiet: args.quiet,

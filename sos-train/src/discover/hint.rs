@@ -32,6 +32,18 @@ pub enum Hint {
     Masks(Vec<(usize, Mask)>),
 }
 
+impl Hint {
+    /// What a user says of where the object is; a click before a box.
+    #[must_use]
+    pub fn stated(click: Option<Click>, object_box: Option<WorldBox>) -> Self {
+        match (click, object_box) {
+            (Some(click), _) => Self::Click(click),
+            (None, Some(object_box)) => Self::Box(object_box),
+            (None, None) => Self::Nothing,
+        }
+    }
+}
+
 /// A pixel of a photo.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Click {

@@ -104,10 +104,8 @@ pub fn keep_carving(config: &mut TrainConfig, before: &TrainConfig, step: u32) {
     let (earlier, stated) = (carve_step(before), carve_step(config));
     let carve = if step > earlier {
         earlier
-    } else if (step..config.steps).contains(&stated) {
-        stated
     } else {
-        step
+        stated.max(step)
     };
     if carve != stated {
         // In the middle of a step, so that it stays that step when rounded.
@@ -167,6 +165,8 @@ mod tests {
         assert_eq!(carved_at(2000, 6000, 0.3), 2000);
         assert_eq!(carved_at(2000, 6000, 0.0), 2000);
         assert_eq!(carved_at(2000, 2000, 0.3), 2000);
+        // Or not at all.
+        assert_eq!(carved_at(2000, 8000, 1.0), 8000);
     }
 
     #[test]
