@@ -3,7 +3,7 @@
 use super::answer::Voice;
 use super::hull::{write_hull, write_masks};
 use super::input::{Plan, mask_source};
-use super::kept_run::{self, Made, State, words_of};
+use super::kept_run::{self, Made, State, rough_masks_beside, words_of};
 use super::train::whole_seconds;
 use super::{AblateArgs, SettingArgs, TrainArgs, program};
 use crate::ablation::{Ablation, DECISIONS, Kind, RIVALS, Row, Scored, Start, TABLE, Trial};
@@ -82,10 +82,7 @@ impl Place {
         let scene = Scene::open(&args.scene)?;
         let masks = match mask_source(args.masks.as_deref()) {
             MaskSource::Path(path) if !path.is_file() => Some(path),
-            MaskSource::Look => ["masks", "coarse_masks"]
-                .map(|name| args.scene.join(name))
-                .into_iter()
-                .find(|dir| dir.is_dir()),
+            MaskSource::Look => rough_masks_beside(&args.scene),
             MaskSource::Path(_) | MaskSource::Alpha | MaskSource::None => None,
         };
         let masks = masks.ok_or_else(|| {

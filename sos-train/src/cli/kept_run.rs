@@ -1,16 +1,20 @@
 //! Runs that a table is made of: one that is there is kept, one that was stopped goes on, one that fails is said.
 
-use super::input::{NO_MASKS, Plan};
+use super::input::{NO_MASKS, Plan, read_record};
 use super::train::train_run;
 use super::{SettingArgs, TrainArgs, complain};
-use crate::config::{InputRecord, Preset, RunRecord};
+use crate::config::{InputRecord, Preset};
 use crate::error::{EXIT_OK, InputError, sentence};
-use crate::run_folder::{RunError, RunFolder};
-use anyhow::Context as _;
+use crate::run_folder::RunFolder;
 use scene_export::quoted;
-use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+
+/// A scene's own rough masks, also those that training does not take by itself.
+pub(super) fn rough_masks_beside(scene: &Path) -> Option<PathBuf> {
+    let folders = ["masks", "coarse_masks"].map(|name| scene.join(name));
+    folders.into_iter().find(|dir| dir.is_dir())
+}
 
 /// How far a run has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,12 +52,7 @@ pub(super) fn check(command: &TrainArgs) -> anyhow::Result<()> {
         return Ok(());
     }
     let path = dir.join("config.toml");
-    let text = fs::read_to_string(&path).map_err(|source| RunError::Io {
-        action: "read",
-        path: path.clone(),
-        source,
-    })?;
-    let record = RunRecord::from_toml(&text).with_context(|| path.display().to_string())?;
+    let (record, _) = read_record(&path)?;
     let given = command.masks.as_deref();
     let masks = given
         .filter(|masks| masks.as_os_str() != NO_MASKS)
@@ -193,7 +192,8 @@ fn full(path: &Path) -> PathBuf {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::config::MaskPolarity;
+    use crate::config::{MaskPolarity, RunRecord};
+    use std::fs;
 
     #[test]
     fn a_run_is_kept_only_where_masks_and_photos_are_meant_as_they_were() {

@@ -3,9 +3,9 @@
 use super::answer::Voice;
 use super::hull::write_hull;
 use super::input::{NO_MASKS, Plan, generate_demo};
-use super::kept_run::{self, Made, State, words_of};
+use super::kept_run::{self, Made, State, rough_masks_beside, words_of};
 use super::train::whole_seconds;
-use super::{RenderArgs, ResultsArgs, SettingArgs, TrainArgs, render};
+use super::{RenderArgs, ResultsArgs, TrainArgs, render};
 use crate::error::{EXIT_OK, InputError};
 use crate::results::{Results, Row, Run, Start};
 use crate::run_folder::{RunFolder, write_whole};
@@ -127,11 +127,10 @@ impl Place {
             let remedy = "put the true mattes there, a picture per photo";
             return Err(InputError::new(scene, wrong, remedy).into());
         }
-        let own = ["masks", "coarse_masks"].map(|name| scene.join(name));
         Ok(Self {
             name,
             photos,
-            own: own.into_iter().find(|dir| dir.is_dir()),
+            own: rough_masks_beside(scene),
             scene: scene.to_path_buf(),
         })
     }
@@ -196,15 +195,15 @@ impl<'a> Case<'a> {
 
     /// What `sos train` would be asked for a run.
     fn command(&self, args: &ResultsArgs, seed: u64) -> TrainArgs {
+        let mut settings = args.table.settings.clone();
+        // Last of all: it is to hold whatever the user's settings say of the first one.
+        settings.set.push(format!("seed={seed}"));
         TrainArgs {
             scene: Some(self.place.scene.clone()),
             masks: Some(self.masks.clone().unwrap_or_else(|| NO_MASKS.into())),
             out: Some(self.run(seed)),
             preset: args.table.preset,
-            settings: SettingArgs {
-                seed: Some(seed),
-                ..args.table.settings.clone()
-            },
+            settings,
             skip_checks: args.table.skip_checks,
             quiet: args.table.quiet,
             ..TrainArgs::default()
