@@ -9,6 +9,7 @@
 //! | [`config`] | all settings: presets, files, `--set` |
 //! | [`job`] | the seam: what training is given, what it comes back with |
 //! | [`doctor`] | what is wrong with a scene, and what training on it will take |
+//! | [`discover`] | without masks, or with few: where and what the object is |
 //! | [`prepare`] | the object's box, what the masks agree on, a label per pixel |
 //! | [`train`] | the loop: batches, schedules, checkpoints |
 //! | [`render`] | final pictures and the mesh; `snap` moves outlines to where photos show them |

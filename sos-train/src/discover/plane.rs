@@ -6,6 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use super::normal::normal;
+use crate::median::median;
 
 /// A plane that is kept out of the object, all that is behind it included.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -154,9 +155,8 @@ pub fn ground_of_surface(surface: &[SurfacePoint], cameras: &[Vec3], seed: u64) 
         .map(|p| plane.height(p.at).abs())
         .filter(|height| *height <= THICKNESS[1])
         .collect();
-    heights.sort_by(f32::total_cmp);
     // The median of absolute deviations, as a standard deviation.
-    let deviation = 1.48 * heights.get(heights.len() / 2)?;
+    let deviation = 1.48 * median(&mut heights)?;
     Some(Plane {
         thickness: (DEVIATIONS * deviation).clamp(THICKNESS[0], THICKNESS[1]),
         ..plane

@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3, Vec3};
 use io_colmap::SparsePoint;
 
 use super::sweep;
+use crate::median::median;
 use crate::prepare::error::PrepareError;
 use crate::prepare::locate::{box_from_cameras, closest_to_ray};
 use crate::prepare::{Frame, TrainView};
@@ -124,7 +125,6 @@ pub(super) fn at_pixel(
             (at.as_dvec2().distance(pixel) <= near).then_some(f64::from(z))
         })
         .collect();
-    depths.sort_by(f64::total_cmp);
     let direction = photo.lens.0.unproject(pixel).ok_or_else(|| {
         PrepareError::Scene(format!(
             "{}: its lens shows nothing at {pixel}; show the object in a photo that has it nearer to the middle",
@@ -137,8 +137,8 @@ pub(super) fn at_pixel(
         photo.camera_from_world.centre(),
         world_from_camera.transform_vector(direction / direction.z.max(1e-6)),
     );
-    let depth = match depths.get(depths.len() / 2) {
-        Some(depth) => *depth,
+    let depth = match median(&mut depths) {
+        Some(depth) => depth,
         // No point there: as far as where the cameras look.
         None => closest_to_ray(views, origin, along)?,
     };

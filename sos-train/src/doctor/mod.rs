@@ -27,14 +27,14 @@ const SEED: u64 = 1;
 #[derive(Debug)]
 pub struct Location {
     subject: Subject,
-    /// What the masks agree on; none for fewer than two.
+    /// What the masks agree on; none where a few masks are hints for a search.
     pub consensus: Option<MaskConsensus>,
     ground: Option<Ground>,
 }
 
 impl Location {
-    /// Finds the object as training does: where the masks agree, or, for fewer than two, where the one
-    /// mask, `hint` or the cameras say.
+    /// Finds the object as training does: where the masks agree, or, with few or none, where these, `hint` or the cameras
+    /// say.
     #[must_use]
     pub fn find(
         views: &[TrainView],

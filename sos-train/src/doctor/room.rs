@@ -3,15 +3,12 @@
 
 use crate::config::{ConfigError, TrainConfig};
 use crate::train::BACKGROUND_STRIDE;
+use crate::train::setup::{FINEST, MOST_LEVELS};
 use hashgrid::{GridConfig, GridLayout};
 use io_colmap::Model;
 
 use super::estimate::entry_in_memory;
 
-/// Levels of a grid where their number is left to the run, at most.
-const MOST_LEVELS: usize = 16;
-/// Cells a side of the finest grid where that is left to the run: least and most.
-const FINEST: [u32; 2] = [128, 2048];
 /// Bytes of a sample, at the least: where it is, which way and how far the light goes, and what its field says of it.
 const SAMPLE: u64 = 64;
 

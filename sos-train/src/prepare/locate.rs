@@ -35,7 +35,7 @@ const CONVERGED: f64 = 0.55;
 /// (`clear_of_cameras`).
 ///
 /// # Errors
-/// When no three masks agree on a place.
+/// When no three masks agree on a place, or of two not both.
 pub fn box_from_masks(
     views: &[TrainView],
     points: &[SparsePoint],

@@ -64,12 +64,6 @@ impl Outline {
         Label::from_byte(self.labels.get(y * self.width + x))
     }
 
-    /// Whether the view has a mask that is believed.
-    #[must_use]
-    pub fn is_masked(&self) -> bool {
-        self.masked
-    }
-
     /// Whether a pixel is the object's for all that is known but the photo: the others say so, and the view's mask, if it is
     /// believed.
     #[must_use]

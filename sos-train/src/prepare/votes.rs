@@ -71,8 +71,8 @@ impl<'a> Electorate<'a> {
 
     /// The trusted share of masks that say "object" at a point of the scene's frame.
     ///
-    /// Only views that have the point in the picture are asked; one that fewer than three of them,
-    /// or than the quorum, see gets 0: far out, few masks agree by chance.
+    /// Only views that have the point in the picture are asked; one that fewer than the quorum of them see, which is three at
+    /// least where there are as many, gets 0: far out, few masks agree by chance.
     pub(super) fn vote(&self, world: DVec3) -> f32 {
         let (mut sum, mut total, mut seen) = (0.0, 0.0, 0);
         for (view, &trust) in self.views.iter().zip(&self.trust.0) {

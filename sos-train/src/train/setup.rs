@@ -18,6 +18,7 @@ use super::step::StepContext;
 use super::{Trainer, gradient_sinks};
 use crate::config::{Fields, Interpolation, TrainConfig, Transparency};
 use crate::device::{ChosenDevice, DeviceKind, choose, verify};
+use crate::median::median;
 use crate::prepare::Prepared;
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask_faults::MaskFaults;
@@ -25,8 +26,17 @@ use crate::prepare::mask_faults::MaskFaults;
 /// Growth from level to level when their number is left to us.
 const GROWTH: f32 = 1.5;
 
+/// Levels of a grid when their number is left to us, at most.
+pub(crate) const MOST_LEVELS: usize = 16;
+/// Cells a side of the finest grid when that is left to us: least and most.
+pub(crate) const FINEST: [u32; 2] = [128, 2048];
+
 /// Refuses tables that the device cannot bind as one buffer.
-fn check_fits(chosen: &ChosenDevice, grids: [&GridLayout; 2]) -> Result<(), PrepareError> {
+fn check_fits(
+    chosen: &ChosenDevice,
+    asked: &str,
+    grids: [&GridLayout; 2],
+) -> Result<(), PrepareError> {
     let Some(limit) = chosen.largest_binding else {
         return Ok(());
     };
@@ -36,7 +46,7 @@ fn check_fits(chosen: &ChosenDevice, grids: [&GridLayout; 2]) -> Result<(), Prep
         return Ok(());
     }
     Err(PrepareError::Device {
-        name: chosen.name.clone(),
+        name: asked.to_owned(),
         remedy: format!(
             "a hash table of {} MiB is more than the {} MiB this device can bind; set \
              model.log2_table_size or model.levels lower, or choose --device cpu",
@@ -53,9 +63,7 @@ fn finest_resolution(scene: &Prepared) -> u32 {
         .iter()
         .map(|view| 2.0 / view.pixel_at_object(&scene.frame))
         .collect();
-    cells.sort_by(f64::total_cmp);
-    let median = cells.get(cells.len() / 2).copied().unwrap_or(512.0);
-    (median as u32).clamp(128, 2048)
+    (median(&mut cells).unwrap_or(512.0) as u32).clamp(FINEST[0], FINEST[1])
 }
 
 /// Sizes of the model for a scene.
@@ -70,7 +78,7 @@ pub fn scene_config(config: &TrainConfig, scene: &Prepared) -> SceneConfig {
     let levels = match model.levels {
         0 => {
             let octaves = (finest as f32 / model.base_resolution as f32).ln() / GROWTH.ln();
-            (octaves.ceil() as usize + 1).clamp(2, 16)
+            (octaves.ceil() as usize + 1).clamp(2, MOST_LEVELS)
         }
         fixed => fixed as usize,
     };
@@ -135,7 +143,11 @@ impl Trainer {
         let sizes = scene_config(config, scene);
         let object_layout = Arc::new(GridLayout::new(&sizes.object_grid));
         let background_layout = Arc::new(GridLayout::new(&sizes.background_grid));
-        check_fits(&chosen, [&object_layout, &background_layout])?;
+        check_fits(
+            &chosen,
+            &config.device,
+            [&object_layout, &background_layout],
+        )?;
         let [object_gradient, background_gradient] =
             gradient_sinks([&object_layout, &background_layout]);
         let mut model = Scene::new(&sizes, config.seed, &device);
@@ -181,7 +193,7 @@ impl Trainer {
             cameras: Cameras::default(),
             sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
             step: 0,
-            rays: config.sampling.rays as f32,
+            rays: config.sampling.rays.min(config.sampling.most_rays) as f32,
             rate_scale: 1.0,
             empty_batches: 0,
             clock: StepClock::new(),
