@@ -78,6 +78,7 @@ pub use camera::Camera;
 pub use camera_model::CameraModel;
 pub use error::{ColmapError, Place, picture_error, remedy};
 pub use listing::{IGNORE_FOLDER, Listing, Search};
+pub use mask_names::without_ending;
 pub use mask_pixels::read_mask;
 pub use masks::{GreyImage, MaskFiles, MaskSet};
 pub use model::{Model, Observation, SparsePoint, View, read_observations};
@@ -85,4 +86,4 @@ pub use photo::{PICTURE_ENDINGS, PhotoHeader, decode_photo, is_picture, read_pho
 pub use png_file::write_png;
 pub use polarity::{POLARITY_FILE, Polarity};
 pub use pose::Pose;
-pub use scene::Scene;
+pub use scene::{Scene, same_shape};

@@ -37,8 +37,9 @@ pub(crate) struct Whole {
     pub(crate) masks: bool,
 }
 
-/// The path without its last ending: `a/b.jpg.png` gives `a/b.jpg`.
-fn without_ending(path: &str) -> &str {
+/// A photo's or mask's path without its last ending: `a/b.jpg.png` gives `a/b.jpg`. A name that begins with a dot has none.
+#[must_use]
+pub fn without_ending(path: &str) -> &str {
     let file_at = path.rfind('/').map_or(0, |i| i + 1);
     match path[file_at..].rfind('.') {
         Some(dot) if dot > 0 => &path[..file_at + dot],
@@ -305,6 +306,18 @@ mod tests {
             pairs(&["c1/a.jpg", "c2/b.jpg"], &["b.png"]),
             Some(vec![None, Some(0)])
         );
+    }
+
+    #[test]
+    fn endings_go_and_folders_stay() {
+        for (name, stem) in [
+            ("a/b.jpg", "a/b"),
+            ("a.b/c", "a.b/c"),
+            ("a/.hidden", "a/.hidden"),
+            ("x.y.png", "x.y"),
+        ] {
+            assert_eq!(without_ending(name), stem);
+        }
     }
 
     #[test]

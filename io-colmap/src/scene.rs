@@ -172,8 +172,9 @@ impl Scene {
     }
 }
 
-/// Whether two sizes show the same picture up to its resolution.
-pub(crate) fn same_shape(a: (u32, u32), b: (u32, u32)) -> bool {
+/// Whether two sizes in pixels, width and height, show the same picture up to its resolution. One of nothing does not.
+#[must_use]
+pub fn same_shape(a: (u32, u32), b: (u32, u32)) -> bool {
     if a.0.min(a.1).min(b.0).min(b.1) == 0 {
         return false;
     }

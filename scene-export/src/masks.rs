@@ -16,12 +16,12 @@ use crate::draft::Draft;
 use crate::error::ExportError;
 use crate::mesh::Mesh;
 use crate::neus_cameras;
-use crate::photos::{Accepts, Photos, without_ending};
+use crate::photos::{Accepts, Photos};
 use crate::picture::{Kind, Picture};
 use crate::product::MaskTool;
 use crate::run::{Posed, Run};
 use crate::transforms::{self, Frame};
-use io_colmap::Scene;
+use io_colmap::{Scene, without_ending};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 

@@ -4,7 +4,7 @@ use crate::draft::Draft;
 use crate::error::ExportError;
 use crate::picture::{Kind, Picture};
 use crate::run::Posed;
-use io_colmap::{Model, PhotoHeader, Scene};
+use io_colmap::{Model, PhotoHeader, Scene, without_ending};
 use rayon::prelude::*;
 use std::fs;
 use std::path::Path;
@@ -121,15 +121,6 @@ pub(crate) fn renamed(model: &Model, posed: &[Posed<'_>], names: &[String]) -> M
     }
 }
 
-/// A photo's path without its ending.
-pub(crate) fn without_ending(name: &str) -> &str {
-    let file_at = name.rfind('/').map_or(0, |at| at + 1);
-    match name[file_at..].rfind('.') {
-        Some(dot) if dot > 0 => &name[..file_at + dot],
-        _ => name,
-    }
-}
-
 impl Accepts {
     fn takes(self, name: &str) -> bool {
         let ending = Path::new(name)
@@ -148,18 +139,6 @@ impl Accepts {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn endings_go_and_folders_stay() {
-        for (name, stem) in [
-            ("a/b.jpg", "a/b"),
-            ("a.b/c", "a.b/c"),
-            ("a/.hidden", "a/.hidden"),
-            ("x.y.png", "x.y"),
-        ] {
-            assert_eq!(without_ending(name), stem);
-        }
-    }
 
     #[test]
     fn tools_take_what_they_read() {

@@ -1,9 +1,9 @@
 //! COCO's JSON: outlines as polygons or run lengths, for pictures named in the same file.
 
 use crate::error::{ImportError, load_text};
-use crate::gather::same_shape;
 use crate::{polygon, run_lengths};
 use image::{GrayImage, Luma};
+use io_colmap::same_shape;
 use serde::Deserialize;
 use serde_json::Value;
 use std::collections::{BTreeMap, HashMap, HashSet};

@@ -4,14 +4,12 @@ use crate::error::ImportError;
 use crate::format::Format;
 use crate::photos::Match;
 use glam::DVec3;
-use io_colmap::{Camera, Model, PhotoHeader, Pose, View};
+use io_colmap::{Camera, Model, PhotoHeader, Pose, View, same_shape};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 
-/// Two sizes are the same picture up to resolution if they differ by no more than this.
-const ASPECT_TOLERANCE: f64 = 0.01;
 /// Cameras this many times farther from the origin than from each other are moved to it: single
 /// precision, which most tools compute in, has seven digits.
 const FAR_AWAY: f64 = 1e4;
@@ -265,7 +263,7 @@ impl Gather {
         // Whole units, so that the offset can be typed.
         let offset = mean.round();
         // Cameras that only turn, about wherever, have no spread.
-        let is_spread = spread > 1e-6 * mean.length();
+        let is_spread = spread > 1e-12 * mean.length();
         if !is_spread || mean.length() <= FAR_AWAY * spread || offset == DVec3::ZERO {
             return;
         }
@@ -278,12 +276,6 @@ impl Gather {
             offset.x, offset.y, offset.z
         ));
     }
-}
-
-pub(crate) fn same_shape(a: (u32, u32), b: (u32, u32)) -> bool {
-    let cross = |p: (u32, u32), q: (u32, u32)| f64::from(p.0) * f64::from(q.1);
-    let (x, y) = (cross(a, b), cross(b, a));
-    x.min(y) > 0.0 && (x - y).abs() <= ASPECT_TOLERANCE * y
 }
 
 /// The number of an equal camera in the model, or of a new one.

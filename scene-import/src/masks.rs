@@ -2,10 +2,10 @@
 
 use crate::coco::{self, Wanted};
 use crate::error::ImportError;
-use crate::gather::{Imported, same_shape};
+use crate::gather::Imported;
 use crate::labels::Labels;
 use image::GrayImage;
-use io_colmap::{IGNORE_FOLDER, MaskFiles, MaskSet, Polarity, Scene, View, write_png};
+use io_colmap::{IGNORE_FOLDER, MaskFiles, MaskSet, Polarity, Scene, View, same_shape, write_png};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

@@ -429,6 +429,27 @@ fn scenes_far_from_the_origin_are_brought_near() {
 }
 
 #[test]
+fn cameras_that_only_turn_stay_where_they_are() {
+    let place = DVec3::new(5.0, 2.0, 1.0);
+    let dir = tempfile::tempdir().unwrap();
+    fixtures::transforms(dir.path(), |file| {
+        let frames = file["frames"].as_array_mut().unwrap();
+        for (frame, eye) in frames.iter_mut().zip(eyes()) {
+            let turned = rig::Eye {
+                centre: place,
+                ..eye
+            };
+            frame["transform_matrix"] = fixtures::opengl_matrix(&turned);
+        }
+    });
+    let imported = import(dir.path(), Format::Transforms).unwrap();
+    assert!(!imported.notes.iter().any(|note| note.contains("moved by")));
+    for view in &imported.model.views {
+        assert!(view.camera_from_world.centre().distance(place) < 1e-6);
+    }
+}
+
+#[test]
 fn what_is_found_is_said_and_may_be_overruled() {
     let dir = tempfile::tempdir().unwrap();
     fixtures::transforms(dir.path(), |_| {});
