@@ -1,6 +1,6 @@
 //! What has been said about a run's results, and made of them, when they are drawn anew; and results that are not.
 
-use super::files::{remove_file, remove_folder};
+use super::files::{remove_file, remove_pictures};
 use super::{MADE_FOLDERS, RunError, RunFolder};
 
 impl RunFolder {
@@ -29,7 +29,7 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::Io`].
     pub(crate) fn forget_cameras(&self) -> Result<(), RunError> {
-        remove_folder(&self.cameras_dir())
+        remove_pictures(&self.cameras_dir(), "bin")
     }
 
     /// Removes the mesh of an earlier end, for there is none now.
@@ -68,11 +68,15 @@ mod tests {
         );
         assert!(run.root().join("render/turntable").is_dir());
         let cameras = run.cameras_dir();
-        run.write(&cameras.join("images.bin"), |out| out.write_all(b"old"))
-            .unwrap();
+        for name in ["images.bin", "mine.txt"] {
+            run.write(&cameras.join(name), |out| out.write_all(b"old"))
+                .unwrap();
+        }
         run.forget_cameras().unwrap();
         run.forget_mesh().unwrap();
-        assert!(!cameras.exists() && !run.mesh_path().exists());
+        assert!(!cameras.join("images.bin").exists() && !run.mesh_path().exists());
+        // No run has written that.
+        assert!(cameras.join("mine.txt").exists());
         // There may be none.
         run.forget_cameras().unwrap();
         run.forget_mesh().unwrap();
