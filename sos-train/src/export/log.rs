@@ -49,7 +49,8 @@ pub struct LogRecord {
 /// The log of a run, open for writing. Every line is handed to the system at once.
 #[derive(Debug)]
 pub struct TrainLog {
-    file: File,
+    /// None while the file is written anew.
+    file: Option<File>,
     path: PathBuf,
 }
 
@@ -71,22 +72,27 @@ impl TrainLog {
     /// [`RunError::Io`].
     pub fn resume(run: &RunFolder, step: u32) -> Result<Self, RunError> {
         let path = run.log_path();
-        let text = read_or_empty(&path)?;
-        let kept: Vec<&str> = text
-            .lines()
-            .filter(|line| {
-                serde_json::from_str::<Value>(line).is_ok_and(|value| {
-                    let event = value.get("event").and_then(Value::as_str);
-                    let ended = matches!(event, Some("export" | "end"));
-                    let at = value.get("step").and_then(Value::as_u64).unwrap_or(0);
-                    !ended && at <= u64::from(step)
-                })
-            })
-            .collect();
-        run.write(&path, |out| {
-            kept.iter().try_for_each(|line| writeln!(out, "{line}"))
+        rewrite(run, &path, |line| {
+            let event = line.get("event").and_then(Value::as_str);
+            let ended = matches!(event, Some("export" | "end"));
+            !ended && step_of(line) <= u64::from(step)
         })?;
         Self::append(path)
+    }
+
+    /// Drops the records from beyond `step`, which a run has gone back to. What it has found out on the way it still knows,
+    /// and does not say again: notes stay.
+    ///
+    /// # Errors
+    /// [`RunError::Io`].
+    pub fn go_back(&mut self, run: &RunFolder, step: u32) -> Result<(), RunError> {
+        // Not every system renames onto a file that is open.
+        self.file = None;
+        rewrite(run, &self.path, |line| {
+            line.get("event").is_some() || step_of(line) <= u64::from(step)
+        })?;
+        *self = Self::append(self.path.clone())?;
+        Ok(())
     }
 
     /// Appends a record.
@@ -128,7 +134,10 @@ impl TrainLog {
 
     fn append(path: PathBuf) -> Result<Self, RunError> {
         match OpenOptions::new().append(true).create(true).open(&path) {
-            Ok(file) => Ok(Self { file, path }),
+            Ok(file) => Ok(Self {
+                file: Some(file),
+                path,
+            }),
             Err(source) => Err(RunError::io("write", &path, source)),
         }
     }
@@ -139,10 +148,28 @@ impl TrainLog {
             .and_then(|mut line| {
                 line.push(b'\n');
                 // One call per line: it is written whole or, at worst, cut by a full disk.
-                self.file.write_all(&line)
+                let file = self.file.as_mut();
+                file.ok_or_else(|| io::Error::other("it is closed"))?
+                    .write_all(&line)
             })
             .map_err(|source| RunError::io("write", &self.path, source))
     }
+}
+
+/// The step that a line is of.
+fn step_of(line: &Value) -> u64 {
+    line.get("step").and_then(Value::as_u64).unwrap_or(0)
+}
+
+/// Writes a log anew with the lines that are JSON and to be kept.
+fn rewrite(run: &RunFolder, path: &Path, is_kept: impl Fn(&Value) -> bool) -> Result<(), RunError> {
+    let text = read_or_empty(path)?;
+    let mut kept = text
+        .lines()
+        .filter(|line| serde_json::from_str(line).is_ok_and(|line| is_kept(&line)));
+    run.write(path, |out| {
+        kept.try_for_each(|line| writeln!(out, "{line}"))
+    })
 }
 
 /// All lines of a run's log that are JSON objects; none if there is no log.

@@ -45,7 +45,8 @@ mod tests {
             let mut views = [photo.downscaled(factor).unwrap()];
             views[0].mask = None;
             let drawn = GrayImage::from_fn(views[0].width(), views[0].height(), |x, y| {
-                Luma([if x * x + 3 * y < 500 { 255 } else { 0 }])
+                let (x, y) = (factor * x, factor * y);
+                Luma([if x * x + 30 * y < 900 { 255 } else { 0 }])
             });
             let found = Mask::of_white(&drawn, &views[0].store).unwrap();
             keep(&run, &mut views, &[(width, height)], &[found]).unwrap();
@@ -57,7 +58,8 @@ mod tests {
             let [now, again] = [&views[0], &again].map(|view| view.mask.as_ref().unwrap());
             assert_eq!(now.picture(), again.picture());
             let area = drawn.iter().filter(|value| **value > 0).count();
-            assert!(now.area().abs_diff(area) * 50 < area);
+            assert!(area > 20 && 2 * area < drawn.len());
+            assert!(now.area().abs_diff(area) * 10 < area);
         }
     }
 }

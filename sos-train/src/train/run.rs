@@ -331,8 +331,8 @@ fn train(
                 return Err(PrepareError::Diverged(step).into());
             }
             trainer.recover(&job.run, data)?;
-            // What it says of steps that are done again would have them twice.
-            *log = TrainLog::resume(&job.run, trainer.step_number())?;
+            // Steps that are done again would be there twice.
+            log.go_back(&job.run, trainer.step_number())?;
             let text = format!(
                 "step {step} gave a loss that is no number; back to step {} at half the learning \
                  rates",

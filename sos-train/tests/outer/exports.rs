@@ -268,6 +268,29 @@ fn a_resumed_log_forgets_what_will_be_done_again() {
 }
 
 #[test]
+fn a_log_that_goes_back_keeps_what_was_found_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = run(dir.path());
+    let mut log = TrainLog::create(&run).unwrap();
+    for step in [10, 20, 30] {
+        let record = LogRecord {
+            step,
+            ..LogRecord::default()
+        };
+        log.record(&record).unwrap();
+    }
+    log.note(25, "a camera is off").unwrap();
+    log.go_back(&run, 20).unwrap();
+    log.note(20, "back to step 20").unwrap();
+    let steps: Vec<u64> = read_log(&run)
+        .unwrap()
+        .iter()
+        .map(|line| line["step"].as_u64().unwrap())
+        .collect();
+    assert_eq!(steps, [10, 20, 25, 20]);
+}
+
+#[test]
 fn a_run_of_the_truth_scores_as_the_truth() {
     let dir = tempfile::tempdir().unwrap();
     let (_, run) = fabricated::run(dir.path(), true);
