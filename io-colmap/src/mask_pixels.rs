@@ -3,6 +3,7 @@
 use crate::error::ColmapError;
 use crate::mask_kind::MaskKind;
 use crate::masks::GreyImage;
+use crate::photo_likeness::is_in_many_colours;
 use image::{DynamicImage, ImageBuffer, Luma};
 use std::path::Path;
 
@@ -36,10 +37,10 @@ impl Reading {
 pub(crate) enum Alpha {
     /// There is none.
     Missing,
-    /// Nothing: it is the same everywhere, and not zero. An object that fills its photo has such a one, and so has a picture
-    /// that was saved with a channel too many.
-    Opaque,
-    /// What the mask is: it differs from place to place, or all of it is clear.
+    /// The same everywhere: a cut-out has it whose object is out of view or fills its photo, and so has a picture that was
+    /// saved with a channel too many.
+    Plain,
+    /// What the mask is: it differs from place to place.
     Mask,
 }
 
@@ -50,9 +51,9 @@ impl Alpha {
         }
         let alpha = image.to_rgba16();
         let mut values = alpha.pixels().map(|pixel| pixel.0[3]);
-        let first = values.next().unwrap_or(u16::MAX);
-        if first > 0 && values.all(|value| value == first) {
-            Alpha::Opaque
+        let first = values.next();
+        if values.all(|value| Some(value) == first) {
+            Alpha::Plain
         } else {
             Alpha::Mask
         }
@@ -71,12 +72,12 @@ pub(crate) enum MaskPixels {
 }
 
 impl MaskPixels {
-    /// The alpha channel of an `image` where that is the mask, else its brightness. In a folder `of_cutouts` it is wherever
-    /// there is one, for an object may fill a photo.
+    /// The alpha channel of an `image` where that is the mask, else its brightness. In a folder `of_cutouts` it is, too, where
+    /// a photo has one that is the same everywhere, for its object may be out of view or fill it.
     pub(crate) fn of(image: &DynamicImage, of_cutouts: bool) -> MaskPixels {
         match Alpha::of(image) {
             Alpha::Mask => MaskPixels::of_alpha(image),
-            Alpha::Opaque if of_cutouts => MaskPixels::of_alpha(image),
+            Alpha::Plain if of_cutouts && is_in_many_colours(image) => MaskPixels::of_alpha(image),
             _ if image.color().bytes_per_pixel() / image.color().channel_count() == 1 => {
                 MaskPixels::Narrow(image.to_luma8())
             }

@@ -133,7 +133,7 @@ impl MaskSet {
             let views = views.iter().zip(&paths);
             let files = views.filter_map(|(view, path)| Some((view, path.as_ref()?)));
             for (seen, (view, path)) in looks.iter_mut().zip(files) {
-                if seen.alpha == Alpha::Opaque {
+                if seen.alpha == Alpha::Plain {
                     *seen = look(path, scene, view, kind, true)?;
                 }
             }

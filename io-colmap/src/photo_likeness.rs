@@ -78,7 +78,7 @@ pub(crate) fn is_like_photo(pixels: &MaskPixels, picture: &DynamicImage) -> bool
 }
 
 /// Masks are grey, or drawn in a few.
-fn is_in_many_colours(picture: &DynamicImage) -> bool {
+pub(crate) fn is_in_many_colours(picture: &DynamicImage) -> bool {
     if !picture.color().has_color() {
         return false;
     }

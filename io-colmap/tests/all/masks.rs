@@ -335,18 +335,19 @@ fn a_cut_out_out_of_view_is_empty_and_one_that_fills_its_photo_is_white() {
     let masks = dir.path().join("masks");
     let cut_out = |is_object: fn(u32) -> bool| {
         image::RgbaImage::from_fn(64, 48, |x, y| {
-            Rgba([
-                (4 * x) as u8,
-                (5 * y) as u8,
-                90,
-                if is_object(x) { 255 } else { 0 },
-            ])
+            let [r, g, b] = colours().get_pixel(x, y).0;
+            Rgba([r, g, b, if is_object(x) { 255 } else { 0 }])
         })
     };
     save(&masks, "p0.png", cut_out(|x| (20..40).contains(&x)));
     save(&masks, "p1.png", cut_out(|_| false));
     save(&masks, "p2.png", cut_out(|_| true));
-    save(&masks, "p3.png", disc(64, 48, 255, 0));
+    // A mask among them keeps its brightness, also one with a channel too many.
+    save(
+        &masks,
+        "p3.png",
+        DynamicImage::from(disc(64, 48, 255, 0)).into_rgba8(),
+    );
     let set = MaskSet::find(&masks, &scene, Some(Polarity::WhiteIsObject)).unwrap();
     let share = |i: usize| {
         let mask = set.load(i, 64, 48).unwrap().unwrap();
@@ -354,7 +355,6 @@ fn a_cut_out_out_of_view_is_empty_and_one_that_fills_its_photo_is_white() {
         sum / f64::from(255 * 64 * 48)
     };
     assert_eq!([0, 1, 2].map(share), [20.0 / 64.0, 0.0, 1.0]);
-    // A mask among them keeps its brightness.
     assert!(share(3) > 0.1 && share(3) < 0.3);
 }
 
