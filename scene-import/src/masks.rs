@@ -5,7 +5,7 @@ use crate::error::ImportError;
 use crate::gather::Imported;
 use crate::labels::Labels;
 use image::GrayImage;
-use io_colmap::{IGNORE_FOLDER, MaskFiles, MaskSet, Polarity, Scene, View, same_shape, write_png};
+use io_colmap::{IGNORE_FOLDER, MaskFiles, MaskSet, Polarity, Scene, same_shape, write_png};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -94,6 +94,35 @@ impl MaskOptions {
         Ok(chosen)
     }
 
+    /// Refuses photos whose pictures of masks, or of what is ignored, would have one name, where there may be any.
+    pub(crate) fn check_names(
+        &self,
+        chosen: &Chosen,
+        imported: &Imported,
+    ) -> Result<(), ImportError> {
+        let has_masks = !matches!(chosen, Chosen::None | Chosen::Alpha { required: false });
+        if !has_masks && self.ignored_in(imported).is_none() {
+            return Ok(());
+        }
+        let mut photos: BTreeMap<PathBuf, &str> = BTreeMap::new();
+        for view in &imported.model.views {
+            if let Some(other) = photos.insert(mask_path(Path::new(""), &view.name), &view.name) {
+                return Err(ImportError::bad(
+                    &imported.root,
+                    format!("the photos {other} and {} would have one mask", view.name),
+                    "rename one of the two, also where its pose is listed",
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// The folder of pictures of what is not to be learned from, if there is one.
+    fn ignored_in(&self, imported: &Imported) -> Option<PathBuf> {
+        let beside = || Some(imported.root.join(IGNORE_FOLDER)).filter(|folder| folder.is_dir());
+        self.ignore.clone().or_else(beside)
+    }
+
     /// Writes the scene's masks into `out`, except those from alpha channels, which `alpha` says
     /// are there already. Returns their number and adds to the notes.
     pub(crate) fn write(
@@ -138,13 +167,10 @@ impl MaskOptions {
         out: &Path,
         notes: &mut Vec<String>,
     ) -> Result<usize, ImportError> {
-        let beside = imported.root.join(IGNORE_FOLDER);
-        let folder = match &self.ignore {
-            Some(folder) => folder,
-            None if beside.is_dir() => &beside,
-            None => return Ok(0),
+        let Some(folder) = self.ignored_in(imported) else {
+            return Ok(0);
         };
-        let set = MaskSet::find_ignored(folder, scene)?;
+        let set = MaskSet::find_ignored(&folder, scene)?;
         notes.push(format!(
             "what is not to be learned from is taken from {}",
             folder.display()
@@ -264,22 +290,6 @@ fn write_label(
     Ok(written)
 }
 
-/// Refuses photos whose masks would have one name.
-pub(crate) fn check_names(views: &[View], folder: &Path) -> Result<(), ImportError> {
-    let mut photos: BTreeMap<PathBuf, &str> = BTreeMap::new();
-    for view in views {
-        let mask = mask_path(folder, &view.name);
-        if let Some(other) = photos.insert(mask, view.name.as_str()) {
-            return Err(ImportError::bad(
-                folder,
-                format!("the photos {other} and {} would have one mask", view.name),
-                "rename one of the two, also where its pose is listed",
-            ));
-        }
-    }
-    Ok(())
-}
-
 /// Where a photo's mask goes: its name, with another ending.
 pub(crate) fn mask_path(folder: &Path, photo: &str) -> PathBuf {
     folder.join(photo).with_extension("png")
@@ -296,7 +306,8 @@ pub(crate) fn save(mask: &GrayImage, path: &Path) -> Result<(), ImportError> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use io_colmap::Pose;
+    use crate::format::Format;
+    use io_colmap::{Model, Pose, View};
 
     #[test]
     fn photos_whose_masks_would_have_one_name_are_refused() {
@@ -309,13 +320,38 @@ mod tests {
                 translation: glam::DVec3::ZERO,
             },
         };
-        let of = |names: [&str; 2]| check_names(&names.map(view), Path::new("masks"));
-        assert!(of(["a/1.jpg", "b/1.jpg"]).is_ok());
-        let said = of(["a/1.jpg", "a/1.png"]).unwrap_err().to_string();
-        assert!(
-            said.contains("a/1.jpg and a/1.png would have one mask"),
-            "{said}"
-        );
+        let of = |names: [&str; 2], chosen: Chosen, ignore: Option<&str>| {
+            let imported = Imported {
+                format: Format::Transforms,
+                model: Model {
+                    views: names.map(view).to_vec(),
+                    ..Model::default()
+                },
+                photos: names.map(PathBuf::from).to_vec(),
+                masks: vec![None; 2],
+                root: PathBuf::from("no such scene"),
+                notes: Vec::new(),
+                dropped: Vec::new(),
+            };
+            let options = MaskOptions {
+                ignore: ignore.map(PathBuf::from),
+                ..MaskOptions::default()
+            };
+            options.check_names(&chosen, &imported)
+        };
+        let masks = || Chosen::Folder(PathBuf::from("masks"));
+        let (apart, alike) = (["a/1.jpg", "b/1.jpg"], ["a/1.jpg", "a/1.png"]);
+        assert!(of(apart, masks(), None).is_ok() && of(alike, Chosen::None, None).is_ok());
+        for refused in [
+            of(alike, masks(), None),
+            of(alike, Chosen::None, Some("ignore")),
+        ] {
+            let said = refused.unwrap_err().to_string();
+            assert!(
+                said.contains("a/1.jpg and a/1.png would have one mask"),
+                "{said}"
+            );
+        }
     }
 
     #[cfg(target_os = "linux")]

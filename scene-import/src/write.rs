@@ -3,7 +3,7 @@
 use crate::alpha;
 use crate::error::ImportError;
 use crate::gather::{Dropped, Imported};
-use crate::masks::{Chosen, MaskOptions, check_names, mask_path, save};
+use crate::masks::{Chosen, MaskOptions, mask_path, save};
 use draft_folder::{Draft, Occupant};
 use io_colmap::{
     ColmapError, IGNORE_FOLDER, Model, POLARITY_FILE, PhotoHeader, Polarity, Scene, read_photo,
@@ -51,6 +51,7 @@ impl Imported {
             ));
         }
         let (imported, rewritten) = self.with_final_names()?;
+        masks.check_names(&chosen, &imported)?;
         let draft = Draft::beside(out)?;
         let written = imported
             .fill(draft.path(), masks, &chosen, &rewritten)
@@ -116,7 +117,6 @@ impl Imported {
             ));
         }
         if count > 0 {
-            check_names(views, &mask_dir)?;
             // So that whoever reads them need not guess, and cannot guess otherwise than the user has said here.
             let path = mask_dir.join(POLARITY_FILE);
             let text = format!("{}\n", Polarity::WhiteIsObject);
