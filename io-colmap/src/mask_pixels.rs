@@ -32,34 +32,6 @@ impl Reading {
     }
 }
 
-/// What a file's alpha channel tells by itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Alpha {
-    /// There is none.
-    Missing,
-    /// The same everywhere: a cut-out has it whose object is out of view or fills its photo, and so has a picture that was
-    /// saved with a channel too many.
-    Plain,
-    /// What the mask is: it differs from place to place.
-    Mask,
-}
-
-impl Alpha {
-    pub(crate) fn of(image: &DynamicImage) -> Alpha {
-        if !image.color().has_alpha() {
-            return Alpha::Missing;
-        }
-        let alpha = image.to_rgba16();
-        let mut values = alpha.pixels().map(|pixel| pixel.0[3]);
-        let first = values.next();
-        if values.all(|value| Some(value) == first) {
-            Alpha::Plain
-        } else {
-            Alpha::Mask
-        }
-    }
-}
-
 /// The numbers in a file.
 #[derive(Debug)]
 pub(crate) enum MaskPixels {
@@ -72,24 +44,30 @@ pub(crate) enum MaskPixels {
 }
 
 impl MaskPixels {
-    /// The alpha channel of an `image` where that is the mask, else its brightness. In a folder `of_cutouts` it is, too, where
-    /// a photo has one that is the same everywhere, for its object may be out of view or fill it.
+    /// The alpha channel of an `image` where that differs from place to place, else its brightness. In a folder `of_cutouts`
+    /// a photo's alpha is taken that is the same everywhere, too: its object is out of view, or fills it.
     pub(crate) fn of(image: &DynamicImage, of_cutouts: bool) -> MaskPixels {
-        match Alpha::of(image) {
-            Alpha::Mask => MaskPixels::of_alpha(image),
-            Alpha::Plain if of_cutouts && is_in_many_colours(image) => MaskPixels::of_alpha(image),
-            _ if image.color().bytes_per_pixel() / image.color().channel_count() == 1 => {
-                MaskPixels::Narrow(image.to_luma8())
+        if image.color().has_alpha() {
+            let alpha = image.to_rgba16();
+            let first = alpha.pixels().next().map(|p| p.0[3]);
+            let differs = || alpha.pixels().any(|p| Some(p.0[3]) != first);
+            if differs() || (of_cutouts && is_in_many_colours(image)) {
+                return MaskPixels::Alpha(GreyImage::from_fn(
+                    alpha.width(),
+                    alpha.height(),
+                    |x, y| Luma([eight_bits(alpha.get_pixel(x, y).0[3])]),
+                ));
             }
-            _ => MaskPixels::Wide(image.to_luma16()),
+        }
+        if image.color().bytes_per_pixel() / image.color().channel_count() == 1 {
+            MaskPixels::Narrow(image.to_luma8())
+        } else {
+            MaskPixels::Wide(image.to_luma16())
         }
     }
 
-    fn of_alpha(image: &DynamicImage) -> MaskPixels {
-        let alpha = image.to_rgba16();
-        MaskPixels::Alpha(GreyImage::from_fn(alpha.width(), alpha.height(), |x, y| {
-            Luma([eight_bits(alpha.get_pixel(x, y).0[3])])
-        }))
+    pub(crate) fn is_alpha(&self) -> bool {
+        matches!(self, MaskPixels::Alpha(_))
     }
 
     pub(crate) fn size(&self) -> (u32, u32) {

@@ -4,7 +4,7 @@ use crate::error::{ColmapError, remedy};
 use crate::listing::Search;
 use crate::mask_kind::MaskKind;
 use crate::mask_names::{Whole, match_masks};
-use crate::mask_pixels::{Alpha, MaskPixels, Reading, decode};
+use crate::mask_pixels::{MaskPixels, Reading, decode};
 use crate::model::View;
 use crate::photo::PICTURE_ENDINGS;
 use crate::photo_likeness::{is_like_photo, refuse_photos};
@@ -40,7 +40,7 @@ pub struct MaskSet {
     /// Decisions taken, one sentence each, for the user to see. The first is the summary.
     pub notes: Vec<String>,
     reading: Reading,
-    /// Whether alpha channels are the masks, in all files that have one.
+    /// Whether alpha channels are the masks, also of photos that have the same alpha everywhere.
     of_cutouts: bool,
     kind: MaskKind,
 }
@@ -52,7 +52,9 @@ struct Look {
     largest: u16,
     is_wide: bool,
     is_like_photo: bool,
-    alpha: Alpha,
+    /// Whether there is an alpha channel, and whether it is the mask.
+    has_alpha: bool,
+    is_alpha: bool,
     /// For each of [`Reading::ALL`].
     shares: [Share; 3],
 }
@@ -128,12 +130,12 @@ impl MaskSet {
             .zip(views)
             .filter_map(|(path, view)| Some(look(path.as_ref()?, scene, view, kind, false)))
             .collect::<Result<_, _>>()?;
-        let of_cutouts = looks.iter().any(|look| look.alpha == Alpha::Mask);
+        let of_cutouts = looks.iter().any(|look| look.is_alpha);
         if of_cutouts {
             let views = views.iter().zip(&paths);
             let files = views.filter_map(|(view, path)| Some((view, path.as_ref()?)));
             for (seen, (view, path)) in looks.iter_mut().zip(files) {
-                if seen.alpha == Alpha::Plain {
+                if seen.has_alpha && !seen.is_alpha {
                     *seen = look(path, scene, view, kind, true)?;
                 }
             }
@@ -416,7 +418,8 @@ fn look(
         largest: pixels.largest(),
         is_wide: pixels.is_wide(),
         is_like_photo: is_like_photo(&pixels, &decoded),
-        alpha: Alpha::of(&decoded),
+        has_alpha: decoded.color().has_alpha(),
+        is_alpha: pixels.is_alpha(),
         shares: Reading::ALL.map(|reading| Share::of(size, |x, y| pixels.byte(x, y, reading))),
     })
 }

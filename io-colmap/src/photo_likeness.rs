@@ -74,7 +74,7 @@ pub(crate) fn refuse_photos(
 
 /// Whether a mask is one of the colours of a photo: cut-outs, whose alpha counts, are not.
 pub(crate) fn is_like_photo(pixels: &MaskPixels, picture: &DynamicImage) -> bool {
-    !matches!(pixels, MaskPixels::Alpha(_)) && is_in_many_colours(picture)
+    !pixels.is_alpha() && is_in_many_colours(picture)
 }
 
 /// Masks are grey, or drawn in a few.
