@@ -232,15 +232,25 @@ fn previews_are_written() {
     );
 }
 
+fn record(step: u32) -> LogRecord {
+    LogRecord {
+        step,
+        psnr: f32::NAN,
+        ..LogRecord::default()
+    }
+}
+
+/// The step of each line of a run's log.
+fn steps(run: &RunFolder) -> Vec<u64> {
+    let lines = read_log(run).unwrap();
+    let steps = lines.iter().map(|line| line["step"].as_u64().unwrap());
+    steps.collect()
+}
+
 #[test]
 fn a_resumed_log_forgets_what_will_be_done_again() {
     let dir = tempfile::tempdir().unwrap();
     let run = run(dir.path());
-    let record = |step| LogRecord {
-        step,
-        psnr: f32::NAN,
-        ..LogRecord::default()
-    };
     {
         let mut log = TrainLog::create(&run).unwrap();
         log.note(0, "start").unwrap();
@@ -258,12 +268,7 @@ fn a_resumed_log_forgets_what_will_be_done_again() {
         let mut log = TrainLog::resume(&run, 20).unwrap();
         log.record(&record(21)).unwrap();
     }
-    let steps: Vec<u64> = read_log(&run)
-        .unwrap()
-        .iter()
-        .map(|line| line["step"].as_u64().unwrap())
-        .collect();
-    assert_eq!(steps, [0, 10, 20, 21]);
+    assert_eq!(steps(&run), [0, 10, 20, 21]);
     assert!(fs::read_to_string(run.log_path()).unwrap().ends_with("}\n"));
 }
 
@@ -273,21 +278,12 @@ fn a_log_that_goes_back_keeps_what_was_found_out() {
     let run = run(dir.path());
     let mut log = TrainLog::create(&run).unwrap();
     for step in [10, 20, 30] {
-        let record = LogRecord {
-            step,
-            ..LogRecord::default()
-        };
-        log.record(&record).unwrap();
+        log.record(&record(step)).unwrap();
     }
     log.note(25, "a camera is off").unwrap();
     log.go_back(&run, 20).unwrap();
     log.note(20, "back to step 20").unwrap();
-    let steps: Vec<u64> = read_log(&run)
-        .unwrap()
-        .iter()
-        .map(|line| line["step"].as_u64().unwrap())
-        .collect();
-    assert_eq!(steps, [10, 20, 25, 20]);
+    assert_eq!(steps(&run), [10, 20, 25, 20]);
 }
 
 #[test]
