@@ -72,6 +72,7 @@ mod png_file;
 mod polarity;
 mod pose;
 mod scene;
+mod srgb;
 mod text;
 
 pub use camera::Camera;
@@ -87,3 +88,4 @@ pub use png_file::write_png;
 pub use polarity::{POLARITY_FILE, Polarity};
 pub use pose::Pose;
 pub use scene::{Scene, same_shape};
+pub use srgb::{linear_from_srgb, srgb_from_linear};

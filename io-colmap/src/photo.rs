@@ -2,6 +2,7 @@
 
 use crate::error::ColmapError;
 use crate::scene::same_shape;
+use crate::srgb::srgb_from_linear;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::path::Path;
@@ -164,20 +165,6 @@ fn straight([r, g, b, alpha]: [f32; 4]) -> [f32; 4] {
         [r, g, b]
     };
     [r, g, b, alpha]
-}
-
-/// IEC 61966-2-1; black for what is no number, as a renderer leaves here and there.
-fn srgb_from_linear(value: f32) -> f32 {
-    let value = if value.is_nan() {
-        0.0
-    } else {
-        value.clamp(0.0, 1.0)
-    };
-    if value <= 0.003_130_8 {
-        12.92 * value
-    } else {
-        1.055 * value.powf(1.0 / 2.4) - 0.055
-    }
 }
 
 /// Endings of the files that are looked at as pictures, in small letters.

@@ -1,5 +1,6 @@
 //! What is measured of each photo: sharpness and light.
 
+use io_colmap::linear_from_srgb;
 use scene_capture::Grey;
 
 /// At most about this many pixels are looked at for light: shares and means need no more.
@@ -48,7 +49,8 @@ impl PhotoMeasures {
             for x in (0..width).step_by(step) {
                 let [r, g, b] = pixels[(y * width + x) as usize];
                 count += 1;
-                light += 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
+                let linear = [r, g, b].map(linear_from_srgb);
+                light += 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
                 blown += u32::from(r.min(g).min(b) >= WHITE);
                 black += u32::from(r.max(g).max(b) <= BLACK);
             }
@@ -61,15 +63,5 @@ impl PhotoMeasures {
             blown: f64::from(blown) / n,
             black: f64::from(black) / n,
         }
-    }
-}
-
-/// IEC 61966-2-1.
-fn linear(value: u8) -> f64 {
-    let v = f64::from(value) / 255.0;
-    if v <= 0.040_45 {
-        v / 12.92
-    } else {
-        ((v + 0.055) / 1.055).powf(2.4)
     }
 }

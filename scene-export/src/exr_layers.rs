@@ -11,7 +11,6 @@
 //!
 //! One part, lossless ZIP. The same is said in the file's `comments` and in attributes `sos:…`.
 
-use crate::colour::linear_table;
 use crate::draft::Draft;
 use crate::error::ExportError;
 use crate::picture::HALF;
@@ -21,6 +20,7 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes,
     ReadChannels as _, ReadLayers as _, SmallVec, Text, Vec2, WritableImage as _, f16, read,
 };
+use io_colmap::linear_from_srgb;
 use rayon::prelude::*;
 use std::io::{self, Cursor, Write as _};
 use std::path::Path;
@@ -48,7 +48,7 @@ const REC_709: Chromaticities = Chromaticities {
 
 /// Writes `NAME.exr` for every view; returns how many.
 pub(crate) fn write(run: &Run, draft: &Draft) -> Result<usize, ExportError> {
-    let linear = linear_table();
+    let linear = std::array::from_fn(|byte| linear_from_srgb(byte as u8) as f32);
     run.keys
         .par_iter()
         .try_for_each(|key| write_view(run, key, &linear, draft))?;

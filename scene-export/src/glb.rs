@@ -7,13 +7,13 @@
 //! * Coordinates are those of the camera poses. Where they are far from the origin, `f32` would round
 //!   them: the node is moved by whole units then, and the vertices back.
 
-use crate::colour::linear_table;
 use crate::draft::Draft;
 use crate::error::ExportError;
 use crate::mesh::Mesh;
 use glam::{DVec3, Vec3};
 use gltf::binary::{Glb, Header};
 use gltf::json;
+use io_colmap::linear_from_srgb;
 use json::accessor::{ComponentType, GenericComponentType, Type};
 use json::buffer::Target;
 use json::mesh::Semantic;
@@ -54,8 +54,7 @@ fn build(mesh: &Mesh) -> (Root, Vec<u8>) {
         .collect();
     let low = positions.iter().fold(Vec3::INFINITY, |a, b| a.min(*b));
     let high = positions.iter().fold(Vec3::NEG_INFINITY, |a, b| a.max(*b));
-    let linear = linear_table();
-    let word = |byte: u8| (linear[usize::from(byte)] * 65535.0).round() as u16;
+    let word = |byte: u8| (linear_from_srgb(byte) * 65535.0).round() as u16;
 
     let mut parts = Parts::default();
     let floats = |vectors: &[Vec3]| -> Vec<u8> {

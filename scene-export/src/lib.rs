@@ -27,7 +27,6 @@
 
 mod coco;
 mod colmap_scene;
-mod colour;
 mod draft;
 mod error;
 mod exr_layers;
