@@ -30,6 +30,21 @@ pub(crate) fn neighbours(
     .into_iter()
 }
 
+/// The cells that are `marked`, as those beside them are.
+pub(crate) fn well_inside(marked: &[bool], width: usize) -> Vec<bool> {
+    let beside = |i| neighbours(i, width, marked.len());
+    let all = |i: usize| marked[i] && beside(i).all(|j| j.is_none_or(|j| marked[j]));
+    (0..marked.len()).map(all).collect()
+}
+
+/// The cells that are `marked`, but for what is less than three of them wide, or a corner.
+pub(crate) fn opened(marked: &[bool], width: usize) -> Vec<bool> {
+    let inside = well_inside(marked, width);
+    let beside = |i| neighbours(i, width, marked.len());
+    let any = |i: usize| inside[i] || beside(i).any(|j| j.is_some_and(|j| inside[j]));
+    (0..marked.len()).map(any).collect()
+}
+
 /// A cell and its up to eight neighbours in a raster of `len` cells, row by row.
 pub(crate) fn around(i: usize, width: usize, len: usize) -> impl Iterator<Item = usize> {
     let (x, y) = (i % width, i / width);
@@ -95,5 +110,22 @@ mod tests {
             assert_eq!(found, i % 7 >= 4 && i / 7 <= 3, "{i}");
         }
         assert!(grown(&[], 0, 1).is_empty());
+    }
+    #[test]
+    fn well_inside_is_what_has_no_other_beside_it() {
+        let marked = [true, true, true, true, true, false];
+        let inside = well_inside(&marked, 3);
+        assert_eq!(inside, [true, true, false, true, false, false]);
+    }
+
+    #[test]
+    fn opening_leaves_out_what_is_thin() {
+        // A block of 3 x 3 cells, of which the corners are thin, and a line beside it.
+        let block = |i: usize| (1..4).contains(&(i % 8)) && (1..4).contains(&(i / 8));
+        let corner = |i: usize| i % 8 != 2 && i / 8 != 2;
+        let line = |i: usize| i % 8 == 6;
+        let marked: Vec<bool> = (0..40).map(|i| block(i) || line(i)).collect();
+        let thick = (0..40).map(|i| block(i) && !corner(i));
+        assert_eq!(opened(&marked, 8), thick.collect::<Vec<_>>());
     }
 }

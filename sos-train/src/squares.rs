@@ -1,11 +1,13 @@
 //! Large pictures in squares of pixels.
 //!
 //! What has a width in pixels, such as the blur of an outline, is wider in larger photos: they are soft. So widths are those of
-//! squares, of which a picture has about as many as a small photo has pixels.
+//! squares, of which a picture has about as many as a small photo has pixels. Where a colour or a ray of each is enough,
+//! it is that of the middle.
 
 use image::Rgb;
 
 use crate::prepare::pixels::Photo;
+use crate::prepare::spans::PixelSpans;
 
 /// A rectangle of squares.
 pub(crate) struct Part {
@@ -23,7 +25,8 @@ impl Part {
     }
 }
 
-/// Squares of a picture's pixels.
+/// Squares of a picture's pixels, by number row by row; the last ones of a row or column may be cut off.
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Squares {
     /// Pixels along one.
     pub(crate) side: u32,
@@ -36,7 +39,12 @@ pub(crate) struct Squares {
 impl Squares {
     /// Of a picture's size: no more than `longest` along its longer side.
     pub(crate) fn new(width: u32, height: u32, longest: u32) -> Self {
-        let side = width.max(height).div_ceil(longest).max(1);
+        Self::of_side(width, height, width.max(height).div_ceil(longest))
+    }
+
+    /// Of a picture's size, with so many pixels along one, at least one.
+    pub(crate) fn of_side(width: u32, height: u32, side: u32) -> Self {
+        let side = side.max(1);
         Self {
             side,
             width,
@@ -44,6 +52,45 @@ impl Squares {
             columns: width.div_ceil(side),
             rows: height.div_ceil(side),
         }
+    }
+
+    /// The same pixels in squares of which so many are as long as one of these, at least of one pixel.
+    pub(crate) fn closer(&self, times: u32) -> Self {
+        Self::of_side(self.width, self.height, self.side / times)
+    }
+
+    /// How many there are.
+    pub(crate) fn len(&self) -> usize {
+        (self.columns * self.rows) as usize
+    }
+
+    /// The pixel in the middle of square number `i`.
+    pub(crate) fn middle(&self, i: usize) -> (u32, u32) {
+        let middle = |v: u32, size: u32| (v * self.side + self.side / 2).min(size - 1);
+        let (column, row) = (i as u32 % self.columns, i as u32 / self.columns);
+        (middle(column, self.width), middle(row, self.height))
+    }
+
+    /// Columns and rows of the pixels of square number `i`, row by row.
+    pub(crate) fn pixels_of(&self, i: usize) -> impl Iterator<Item = (u32, u32)> {
+        let (column, row) = (i as u32 % self.columns, i as u32 / self.columns);
+        let span = |first: u32, end: u32| first * self.side..((first + 1) * self.side).min(end);
+        let (columns, rows) = (span(column, self.width), span(row, self.height));
+        rows.flat_map(move |y| columns.clone().map(move |x| (x, y)))
+    }
+
+    /// The pixels of the squares that are `marked`.
+    pub(crate) fn pixels(&self, marked: &[bool]) -> PixelSpans {
+        let mut pixels = PixelSpans::default();
+        if !marked.contains(&true) {
+            return pixels;
+        }
+        for pixel in 0..self.width * self.height {
+            if marked[self.of(pixel % self.width, pixel / self.width)] {
+                pixels.push(pixel);
+            }
+        }
+        pixels
     }
 
     /// The square that holds a pixel.
@@ -75,22 +122,19 @@ impl Squares {
 
     /// The mean colour of a square.
     pub(crate) fn colour(&self, photo: &Photo, column: u32, row: u32) -> Rgb<u8> {
-        let span = |first: u32, end: u32| first * self.side..((first + 1) * self.side).min(end);
         let (mut sums, mut count) = ([0u32; 3], 0);
-        for y in span(row, photo.height()) {
-            for x in span(column, photo.width()) {
-                for (sum, value) in sums.iter_mut().zip(photo.get_pixel(x, y).0) {
-                    *sum += u32::from(value);
-                }
-                count += 1;
+        for (x, y) in self.pixels_of((row * self.columns + column) as usize) {
+            for (sum, value) in sums.iter_mut().zip(photo.get_pixel(x, y).0) {
+                *sum += u32::from(value);
             }
+            count += 1;
         }
         Rgb(sums.map(|sum| (sum / count.max(1)) as u8))
     }
 
     /// The mean value of each square.
     pub(crate) fn means(&self, values: &[f32]) -> Vec<f32> {
-        let mut sums = vec![(0.0f32, 0u32); (self.columns * self.rows) as usize];
+        let mut sums = vec![(0.0f32, 0u32); self.len()];
         for (i, value) in (0..).zip(values) {
             let sum = &mut sums[self.of(i % self.width, i / self.width)];
             sum.0 += value;
@@ -103,7 +147,7 @@ impl Squares {
 
     /// The largest value in each square.
     pub(crate) fn largest(&self, values: &[f32]) -> Vec<f32> {
-        let mut largest = vec![f32::NEG_INFINITY; (self.columns * self.rows) as usize];
+        let mut largest = vec![f32::NEG_INFINITY; self.len()];
         for (i, value) in (0..).zip(values) {
             let square = &mut largest[self.of(i % self.width, i / self.width)];
             *square = square.max(*value);
@@ -163,5 +207,24 @@ mod tests {
         let largest = squares.largest(&values);
         assert_eq!(largest[12], 0.5);
         assert_eq!(largest.iter().sum::<f32>(), 0.5);
+    }
+    #[test]
+    fn squares_cover_a_picture_that_they_do_not_fit() {
+        // 3 x 2 squares, the last ones cut off.
+        let squares = Squares::of_side(9, 6, 4);
+        assert_eq!(squares.closer(2).len(), 15);
+        assert_eq!(squares.closer(8).len(), 54);
+        let middles: Vec<_> = (0..squares.len()).map(|i| squares.middle(i)).collect();
+        assert_eq!(middles, [(2, 2), (6, 2), (8, 2), (2, 5), (6, 5), (8, 5)]);
+        for (i, (x, y)) in middles.into_iter().enumerate() {
+            assert_eq!(squares.of(x, y), i);
+            assert!(squares.pixels_of(i).all(|(x, y)| squares.of(x, y) == i));
+            let numbers = squares.pixels_of(i).map(|(x, y)| y * 9 + x);
+            let marked: Vec<bool> = (0..squares.len()).map(|j| j == i).collect();
+            assert!(squares.pixels(&marked).iter().eq(numbers));
+        }
+        assert_eq!(squares.pixels_of(2).count(), 4);
+        assert_eq!(squares.pixels(&[true; 6]).len(), 54);
+        assert!(squares.pixels(&[false; 6]).is_empty());
     }
 }

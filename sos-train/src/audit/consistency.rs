@@ -171,6 +171,7 @@ fn look(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::squares::Squares;
     use glam::DQuat;
     use io_colmap::{Camera, CameraModel, Pose};
 
@@ -208,9 +209,7 @@ mod tests {
                         // A tenth of a unit at depth 4 is one pixel.
                         translation: DVec3::new(-0.1 * i as f64, 0.0, 0.0),
                     },
-                    step: 1,
-                    width,
-                    height,
+                    squares: Squares::of_side(32, 24, 1),
                     alpha: cells().map(|c| if inside(c) { 255 } else { 0 }).collect(),
                     depth: cells().map(|c| if inside(c) { 4.0 } else { 0.0 }).collect(),
                     photo: cells()

@@ -4,6 +4,7 @@ use super::depth::read_depth;
 use crate::cells::around;
 use crate::report::{ReportError, open_picture};
 use crate::run_folder::{RunFolder, view_file};
+use crate::squares::Squares;
 use glam::{DVec2, DVec3};
 use image::GrayImage;
 use io_colmap::{Camera, MaskSet, Pose, Scene};
@@ -22,18 +23,14 @@ pub(super) enum Outline {
     StartMask,
 }
 
-/// A view in cells of `step` by `step` pixels, rows from the top.
+/// A view in squares of its pixels, which are its cells.
 pub(super) struct ReducedView {
     /// The photo's name.
     pub(super) name: String,
     /// At the photo's own size.
     pub(super) camera: Camera,
     pub(super) camera_from_world: Pose,
-    /// Pixels along a cell.
-    pub(super) step: u32,
-    /// In cells.
-    pub(super) width: usize,
-    pub(super) height: usize,
+    pub(super) squares: Squares,
     /// Mean coverage of each cell.
     pub(super) alpha: Vec<u8>,
     /// Along the optical axis at each cell's middle; 0 where nothing is. Empty without a depth file.
@@ -78,34 +75,27 @@ impl ReducedView {
         let mask_iou = mask.as_ref().map(|mask| overlap(mask, &alpha));
         let depth = read_depth(&view_file(&run.depth_dir(), &view.name, "exr"), (w, h))?;
 
-        let step = w.max(h).div_ceil(LONGEST).max(1);
-        let (width, height) = (w.div_ceil(step), h.div_ceil(step));
-        let cells = || (0..width * height).map(|i| (i % width * step, i / width * step));
-        let mean = |cell: (u32, u32), of: &dyn Fn(u32, u32) -> u8| {
+        let squares = Squares::new(w, h, LONGEST);
+        let cells = || 0..squares.len();
+        let mean = |cell: usize, of: &dyn Fn(u32, u32) -> u8| {
             let (mut sum, mut count) = (0u32, 0u32);
-            for y in cell.1..(cell.1 + step).min(h) {
-                for x in cell.0..(cell.0 + step).min(w) {
-                    sum += u32::from(of(x, y));
-                    count += 1;
-                }
+            for (x, y) in squares.pixels_of(cell) {
+                sum += u32::from(of(x, y));
+                count += 1;
             }
             ((sum + count / 2) / count.max(1)) as u8
         };
-        let middle = |start: u32, end: u32| (start + step / 2).min(end - 1);
         Ok(Some(Self {
             name: view.name.clone(),
             camera: camera.scaled_to(w, h),
             camera_from_world: view.camera_from_world,
-            step,
-            width: width as usize,
-            height: height as usize,
+            squares,
             alpha: cells()
                 .map(|cell| mean(cell, &|x, y| alpha.get_pixel(x, y).0[0]))
                 .collect(),
             depth: depth.map_or(Vec::new(), |depth| {
-                cells()
-                    .map(|(x, y)| depth[(middle(y, h) * w + middle(x, w)) as usize])
-                    .collect()
+                let middles = cells().map(|cell| squares.middle(cell));
+                middles.map(|(x, y)| depth[(y * w + x) as usize]).collect()
             }),
             photo: cells()
                 .map(|cell| [0, 1, 2].map(|c| mean(cell, &|x, y| photo.get_pixel(x, y).0[c])))
@@ -139,12 +129,8 @@ impl ReducedView {
         if *self.outline(by).get(cell)? < HALF || depth <= 0.0 {
             return None;
         }
-        let (x, y) = ((cell % self.width) as u32, (cell / self.width) as u32);
-        let middle = |at: u32, end: u32| f64::from((at * self.step + self.step / 2).min(end - 1));
-        let pixel = DVec2::new(
-            middle(x, self.camera.width) + 0.5,
-            middle(y, self.camera.height) + 0.5,
-        );
+        let (x, y) = self.squares.middle(cell);
+        let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let ray = self.camera.unproject(pixel).filter(|ray| ray.z > 0.0)?;
         Some(world_from_camera.transform_point(ray * (depth / ray.z)))
     }
@@ -160,15 +146,12 @@ impl ReducedView {
             && pixel.y >= 0.0
             && pixel.x < f64::from(self.camera.width)
             && pixel.y < f64::from(self.camera.height);
-        inside.then(|| {
-            let [x, y] = [pixel.x, pixel.y].map(|p| p as usize / self.step as usize);
-            y * self.width + x
-        })
+        inside.then(|| self.squares.of(pixel.x as u32, pixel.y as u32))
     }
 
     /// The cell and its up to eight neighbours.
     pub(super) fn around(&self, cell: usize) -> impl Iterator<Item = usize> {
-        around(cell, self.width, self.width * self.height)
+        around(cell, self.squares.columns as usize, self.squares.len())
     }
 }
 

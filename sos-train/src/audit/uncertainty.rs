@@ -30,7 +30,7 @@ pub(super) fn write(
     let mut picture = GrayImage::new(width, height);
     for ((x, y, out), alpha) in picture.enumerate_pixels_mut().zip(alpha.pixels()) {
         let a = f32::from(alpha.0[0]) / 65535.0;
-        let u = uncertainty(a, between_cells(view, &disagreement, x, y));
+        let u = uncertainty(a, view.squares.between(&disagreement, x, y));
         out.0[0] = (255.0 * u + 0.5) as u8;
         sum += f64::from(u);
         area += f64::from(a);
@@ -41,24 +41,6 @@ pub(super) fn write(
 
 fn uncertainty(alpha: f32, disagreement: f32) -> f32 {
     1.0 - (1.0 - 4.0 * alpha * (1.0 - alpha)) * (1.0 - disagreement)
-}
-
-/// Linear between the middles of cells.
-fn between_cells(view: &ReducedView, cells: &[f32], x: u32, y: u32) -> f32 {
-    if view.step == 1 {
-        return cells[y as usize * view.width + x as usize];
-    }
-    let along = |pixel: u32, count: usize| {
-        let at = ((pixel as f32 + 0.5) / view.step as f32 - 0.5).clamp(0.0, count as f32 - 1.0);
-        let first = at as usize;
-        (first, (first + 1).min(count - 1), at - first as f32)
-    };
-    let ((x0, x1, fx), (y0, y1, fy)) = (along(x, view.width), along(y, view.height));
-    let row = |y: usize| {
-        let (left, right) = (cells[y * view.width + x0], cells[y * view.width + x1]);
-        left + fx * (right - left)
-    };
-    row(y0) + fy * (row(y1) - row(y0))
 }
 
 #[cfg(test)]

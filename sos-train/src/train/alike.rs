@@ -10,12 +10,13 @@ use neus_render::rays::Ray;
 use rayon::prelude::*;
 
 use super::Trainer;
-use super::raster::Raster;
+use crate::cells::{opened, well_inside};
 use crate::likelihood::Colours;
 use crate::prepare::outline::Outline;
 use crate::prepare::spans::PixelSpans;
 use crate::prepare::{Prepared, TrainView};
 use crate::render::rays::{FrozenScene, RenderedRay};
+use crate::squares::Squares;
 
 /// Looks are this share of the run apart.
 const EVERY: f32 = 0.1;
@@ -95,6 +96,10 @@ impl<'a> Viewpoint<'a> {
         }
     }
 
+    fn squares(&self, side: u32) -> Squares {
+        Squares::of_side(self.view.width(), self.view.height(), side)
+    }
+
     /// In `[0, 1]`.
     fn colour(&self, (x, y): (u32, u32)) -> Vec3 {
         let colour = self.view.photo.get_pixel(x, y).0;
@@ -105,17 +110,21 @@ impl<'a> Viewpoint<'a> {
         self.outline.is_expected(x, y)
     }
 
-    /// The squares of a raster, of those `among` which, with the rays through their middles.
-    fn rays(&self, raster: &Raster, among: impl Fn((u32, u32)) -> bool) -> (Vec<usize>, Vec<Ray>) {
-        let squares = (0..raster.len()).filter_map(|i| {
-            let (x, y) = raster.middle(i);
+    /// The numbers of squares whose middles are `among` those asked for, with the rays through them.
+    fn rays(
+        &self,
+        squares: &Squares,
+        among: impl Fn((u32, u32)) -> bool,
+    ) -> (Vec<usize>, Vec<Ray>) {
+        let rays = (0..squares.len()).filter_map(|i| {
+            let (x, y) = squares.middle(i);
             if self.view.ignores(x, y) || !among((x, y)) {
                 return None;
             }
             let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
             Some((i, self.view.ray(&self.world_from_camera, centre)?))
         });
-        squares.unzip()
+        rays.unzip()
     }
 
     /// Those of some places that lie within the picture, with the rays to them.
@@ -131,7 +140,7 @@ impl<'a> Viewpoint<'a> {
 
 /// What is to be seen of FoCoR in a view, here and there.
 struct Glance {
-    raster: Raster,
+    squares: Squares,
     /// The squares where it is seen, or is not expected.
     clear: Vec<bool>,
     /// Colours of the photo, with how much of each is around the object, and its own.
@@ -140,17 +149,17 @@ struct Glance {
 
 impl Glance {
     fn at(viewpoint: &Viewpoint<'_>, scene: &FrozenScene, stride: u32) -> Self {
-        let raster = Raster::of(viewpoint.view, stride);
-        let (squares, rays) = viewpoint.rays(&raster, |_| true);
-        let mut clear = vec![true; raster.len()];
-        let mut known = Vec::with_capacity(squares.len());
-        for (i, matte) in squares.into_iter().zip(scene.mattes(&rays)) {
-            let pixel = raster.middle(i);
+        let squares = viewpoint.squares(stride);
+        let (numbers, rays) = viewpoint.rays(&squares, |_| true);
+        let mut clear = vec![true; squares.len()];
+        let mut known = Vec::with_capacity(numbers.len());
+        for (i, matte) in numbers.into_iter().zip(scene.mattes(&rays)) {
+            let pixel = squares.middle(i);
             clear[i] = matte >= HIDDEN || !viewpoint.is_expected(pixel);
             known.push((viewpoint.colour(pixel), [1.0 - matte, matte]));
         }
         Self {
-            raster,
+            squares,
             clear,
             known,
         }
@@ -170,32 +179,32 @@ fn hidden_alike(
         return PixelSpans::default();
     }
     let viewpoint = Viewpoint::at(data, number);
-    let clear = glance.raster.well_inside(&glance.clear);
-    let raster = glance.raster.closer(CLOSER);
-    let (squares, rays) = viewpoint.rays(&raster, |pixel| {
-        viewpoint.is_expected(pixel) && !clear[glance.raster.square(pixel)]
+    let clear = well_inside(&glance.clear, glance.squares.columns as usize);
+    let squares = glance.squares.closer(CLOSER);
+    let (numbers, rays) = viewpoint.rays(&squares, |(x, y)| {
+        viewpoint.is_expected((x, y)) && !clear[glance.squares.of(x, y)]
     });
     // By itself, as behind what hides it nobody asks for it.
     let objects = scene.objects(&rays);
-    let mut alike = vec![false; raster.len()];
-    for (&i, object) in squares.iter().zip(&objects) {
-        let colour = viewpoint.colour(raster.middle(i));
+    let mut alike = vec![false; squares.len()];
+    for (&i, object) in numbers.iter().zip(&objects) {
+        let colour = viewpoint.colour(squares.middle(i));
         alike[i] = is_alike(object, colour) && colours.object(colour).0 >= TELLING;
     }
-    let alike = raster.opened(&alike);
+    let alike = opened(&alike, squares.columns as usize);
     let (mut places, mut hidden) = (Vec::new(), Vec::new());
     let met = rays.iter().zip(&objects).zip(scene.mattes(&rays));
-    for (&i, ((ray, object), matte)) in squares.iter().zip(met) {
+    for (&i, ((ray, object), matte)) in numbers.iter().zip(met) {
         if alike[i] && matte < HIDDEN {
             places.push(ray.at(object.object_distance));
             hidden.push(i);
         }
     }
-    let mut found = vec![false; raster.len()];
+    let mut found = vec![false; squares.len()];
     for (i, shown) in hidden.into_iter().zip(shown(&places)) {
         found[i] = shown;
     }
-    raster.pixels(&found)
+    squares.pixels(&found)
 }
 
 /// Whether some of the views other than `number` show FoCoR at each of these places.
@@ -335,8 +344,8 @@ mod tests {
                 trainer.step(&data);
             }
             let viewpoint = Viewpoint::at(&data, 0);
-            let raster = Raster::of(viewpoint.view, 2);
-            let (_, rays) = viewpoint.rays(&raster, |pixel| viewpoint.is_expected(pixel));
+            let squares = viewpoint.squares(2);
+            let (_, rays) = viewpoint.rays(&squares, |pixel| viewpoint.is_expected(pixel));
             let scene = trainer.freeze();
             scene.mattes(&rays).iter().sum::<f32>() / rays.len() as f32
         };
@@ -352,8 +361,8 @@ mod tests {
         for fog in [false, true] {
             let scene = trainer(&config, &data, fog).freeze();
             let viewpoint = Viewpoint::at(&data, 3);
-            let raster = Raster::of(viewpoint.view, 2);
-            let (_, rays) = viewpoint.rays(&raster, |pixel| viewpoint.is_expected(pixel));
+            let squares = viewpoint.squares(2);
+            let (_, rays) = viewpoint.rays(&squares, |pixel| viewpoint.is_expected(pixel));
             let met = rays.iter().zip(scene.objects(&rays));
             let met = met.filter(|(_, met)| met.matte >= FILLED);
             let places: Vec<Vec3> = met.map(|(ray, met)| ray.at(met.object_distance)).collect();

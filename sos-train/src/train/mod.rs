@@ -21,7 +21,6 @@ mod order;
 mod outlook;
 mod pixel_losses;
 mod probes;
-mod raster;
 mod renewal;
 mod representatives;
 mod rounds;

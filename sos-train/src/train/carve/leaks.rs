@@ -16,7 +16,6 @@ use crate::prepare::mask::Mask;
 use crate::prepare::spans::PixelSpans;
 use crate::prepare::{Prepared, TrainView, outline};
 use crate::train::Trainer;
-use crate::train::raster::Raster;
 
 /// The largest share of a zone that a mask may leak into.
 const CUT: f32 = 0.35;
@@ -52,15 +51,10 @@ fn leaks(data: &Prepared) -> Vec<PixelSpans> {
 /// The same for one view; `map` is what all masks together say.
 fn leak(view: &TrainView, mask: &Mask, frame: &Frame, map: &ProbabilityMap) -> PixelSpans {
     let squares = flat_zones::squares(view);
-    let raster = Raster::of(view, squares.side);
     let columns = squares.columns as usize;
     let colours = flat_zones::colours(view, &squares);
-    let inside: Vec<bool> = (0..raster.len())
-        .map(|i| {
-            let (x, y) = raster.middle(i);
-            mask.contains(x, y)
-        })
-        .collect();
+    let middles = (0..squares.len()).map(|i| squares.middle(i));
+    let inside: Vec<bool> = middles.map(|(x, y)| mask.contains(x, y)).collect();
     let cuts = cut_off(&colours, &inside, columns);
     if cuts.is_empty() {
         return PixelSpans::default();
@@ -82,7 +76,7 @@ fn leak(view: &TrainView, mask: &Mask, frame: &Frame, map: &ProbabilityMap) -> P
     let mut pixels = PixelSpans::default();
     for y in 0..view.height() {
         for x in 0..view.width() {
-            let square = raster.square((x, y));
+            let square = squares.of(x, y);
             if torn[square] || leaking[square] && mask.contains(x, y) {
                 pixels.push(y * view.width() + x);
             }
