@@ -2,6 +2,7 @@
 
 use crate::drawing::Drawing;
 use crate::finding::{Finding, Report};
+use html_escape::encode_quoted_attribute as escape;
 use std::fmt::Write as _;
 
 const STYLE: &str = include_str!("page.css");
@@ -68,20 +69,4 @@ fn row(finding: &Finding) -> String {
     }
     html.push_str("</td></tr>\n");
     html
-}
-
-/// Text as HTML.
-fn escape(text: &str) -> String {
-    text.chars()
-        .fold(String::with_capacity(text.len()), |mut out, c| {
-            match c {
-                '&' => out.push_str("&amp;"),
-                '<' => out.push_str("&lt;"),
-                '>' => out.push_str("&gt;"),
-                '"' => out.push_str("&quot;"),
-                '\'' => out.push_str("&#39;"),
-                c => out.push(c),
-            }
-            out
-        })
 }

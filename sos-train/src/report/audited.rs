@@ -1,9 +1,9 @@
 //! The part of the page about what needs no ground truth.
 
 use super::ReportInputs;
-use super::page::escape;
 use super::views::{Row, most_changed};
 use crate::audit::AuditedView;
+use html_escape::encode_quoted_attribute as escape;
 use std::fmt::Write as _;
 
 /// Views named as the least consistent.

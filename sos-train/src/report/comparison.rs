@@ -1,9 +1,10 @@
 //! One page for several results: the table of scores, and every view's mattes side by side.
 
 use super::ReportError;
-use super::page::{STYLE, escape};
+use super::page::STYLE;
 use super::thumbnail;
 use super::views::matte_of;
+use html_escape::encode_quoted_attribute as escape;
 use rayon::prelude::*;
 use sos_eval::{Comparison, Contender, mattes_by_view};
 use std::fmt::Write as _;

@@ -198,7 +198,7 @@ fn plot(title: &str, scale: Scale, mut curves: Vec<Curve>) -> Option<String> {
                 svg,
                 "<span><i class=\"s{}\"></i>{}</span>",
                 number % 8,
-                super::page::escape(&curve.name)
+                html_escape::encode_quoted_attribute(&curve.name)
             );
         }
         svg.push_str("</div>\n");

@@ -6,6 +6,7 @@ use super::curves::plots;
 use super::mesh::PackedMesh;
 use super::views::{Cell, Row, columns};
 use crate::progress::duration;
+use html_escape::encode_quoted_attribute as escape;
 use serde_json::{Map, Value};
 use sos_eval::AlphaScore;
 use std::fmt::Write as _;
@@ -111,7 +112,7 @@ fn facts(inputs: &ReportInputs) -> String {
         format!("sos {}", inputs.versions.sos),
         inputs.versions.platform.clone(),
     ]);
-    let facts: Vec<String> = facts.iter().map(|fact| escape(fact)).collect();
+    let facts: Vec<_> = facts.iter().map(|fact| escape(fact)).collect();
     format!("<p class=\"facts\">{}</p>\n", facts.join(" · "))
 }
 
@@ -288,22 +289,6 @@ fn link(path: &str) -> String {
         }
         out
     })
-}
-
-/// Text as HTML.
-pub(super) fn escape(text: &str) -> String {
-    text.chars()
-        .fold(String::with_capacity(text.len()), |mut out, c| {
-            match c {
-                '&' => out.push_str("&amp;"),
-                '<' => out.push_str("&lt;"),
-                '>' => out.push_str("&gt;"),
-                '"' => out.push_str("&quot;"),
-                '\'' => out.push_str("&#39;"),
-                c => out.push(c),
-            }
-            out
-        })
 }
 
 /// The last value of a key that is not null.
