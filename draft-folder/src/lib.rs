@@ -24,6 +24,16 @@ use tempfile::TempDir;
 /// Start of the names of folders that are being written.
 pub const PREFIX: &str = ".sos-partial-";
 
+/// What to do with what an earlier run of a program has left in a place.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Existing {
+    /// Refuse.
+    #[default]
+    Keep,
+    /// Put the new in its place. Folders of other origin are never replaced.
+    Replace,
+}
+
 /// A folder in the making. It is gone if it is dropped before it is finished.
 #[derive(Debug)]
 pub struct Draft {

@@ -54,9 +54,10 @@ mod video;
 mod watch;
 
 pub use colmap::Colmap;
+pub use draft_folder::Existing;
 pub use error::CaptureError;
 pub use frames::TakenFrames;
-pub use scene::{CaptureOptions, Captured, Existing, RECORD, Tools, capture};
+pub use scene::{CaptureOptions, Captured, RECORD, Tools, capture};
 pub use sharpness::Grey;
 pub use source::{Source, detect};
 pub use video::{Ffmpeg, FrameOptions, VideoInfo};

@@ -11,7 +11,7 @@ use crate::source::Source;
 use crate::upright;
 use crate::video::{Ffmpeg, FrameOptions};
 use crate::watch::{Progress, Stage, Watch};
-use draft_folder::{Draft, Occupant};
+use draft_folder::{Draft, Existing, Occupant};
 use image::metadata::Orientation;
 use io_colmap::PhotoHeader;
 use rayon::prelude::*;
@@ -31,16 +31,6 @@ pub struct CaptureOptions {
     pub masks: Option<PathBuf>,
     /// What to do if there is a scene already.
     pub existing: Existing,
-}
-
-/// What to do with a scene that is there already.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Existing {
-    /// Refuse.
-    #[default]
-    Keep,
-    /// Take its place, once the new one is complete. Folders of other origin are never replaced.
-    Replace,
 }
 
 /// The programs that do the work.

@@ -1,23 +1,13 @@
 //! A folder that appears when it is complete.
 
 use crate::error::ExportError;
-use draft_folder::{Draft as Folder, Occupant};
+use draft_folder::{Draft as Folder, Existing, Occupant};
 use std::fs;
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 /// The file in every folder written here; what lacks it is somebody else's and is never replaced.
 pub const RECORD: &str = "export.txt";
-
-/// What to do with an export that is already there.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Existing {
-    /// Refuse.
-    #[default]
-    Keep,
-    /// Put the new one in its place, once that is complete.
-    Replace,
-}
 
 /// A folder in the making, beside its place. It is gone if it is dropped before it is finished.
 #[derive(Debug)]

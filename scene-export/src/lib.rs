@@ -46,7 +46,8 @@ mod transforms;
 mod video;
 
 pub use coco::RunLengths;
-pub use draft::{Draft, Existing, RECORD};
+pub use draft::{Draft, RECORD};
+pub use draft_folder::Existing;
 pub use error::{ExportError, UnknownWord};
 pub use ffmpeg::{Codec, Ffmpeg, Video};
 pub use mesh::Mesh;

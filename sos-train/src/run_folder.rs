@@ -10,6 +10,7 @@ mod files;
 mod lock;
 mod verdicts;
 
+pub use draft_folder::Existing;
 pub use error::RunError;
 pub(crate) use files::{view_file, write_folder, write_whole};
 
@@ -53,15 +54,6 @@ const FILES: [&str; 6] = [
 /// Folders of what `sos export` and `sos render` made of the results.
 const MADE_FOLDERS: [&str; 2] = ["export", "render"];
 
-/// What to do with a run that is already there.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Existing {
-    /// Refuse.
-    Keep,
-    /// Remove what it wrote, as soon as there is something new to write.
-    Replace,
-}
-
 /// The folder of one run. Clones are handles to the same folder.
 #[derive(Debug, Clone)]
 pub struct RunFolder {
@@ -82,7 +74,7 @@ struct Pending {
 
 impl RunFolder {
     /// A folder for a new run. It is created if it does not exist; apart from that nothing changes
-    /// until the first file is written.
+    /// until the first file is written; then what an earlier run wrote is removed, if `existing` says to replace it.
     ///
     /// # Errors
     /// [`RunError`] if a run is there and `existing` says to keep it, if another process makes one, if the folder
