@@ -23,15 +23,6 @@ pub enum DemoError {
         #[source]
         source: io::Error,
     },
-    /// An image could not be encoded.
-    #[error("cannot encode {path}: {source}; free some space, or choose another folder")]
-    Encode {
-        /// The image file in question.
-        path: PathBuf,
-        /// What the encoder said.
-        #[source]
-        source: image::ImageError,
-    },
     /// The destination is not an empty folder: nothing is ever overwritten.
     #[error("{path} is not empty, there is something in it already, {occupant}; {}", occupant.remedy("choose a folder that is empty or does not exist"))]
     Occupied {

@@ -4,8 +4,8 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use draft_folder::{Draft, Occupant};
-use image::{DynamicImage, ImageFormat};
+use draft_folder::{Draft, Durability, Occupant};
+use image::{DynamicImage, ImageError, ImageFormat};
 use rayon::prelude::*;
 
 use crate::colmap_text;
@@ -71,9 +71,7 @@ impl DemoScene {
             self.views.par_iter().try_for_each(|view| {
                 let path = folder.join(&view.name);
                 match layer(view) {
-                    Some(picture) => picture
-                        .save_with_format(&path, ImageFormat::Png)
-                        .map_err(|source| DemoError::Encode { path, source }),
+                    Some(picture) => save(&picture, &path),
                     None => Ok(()),
                 }
             })?;
@@ -88,6 +86,18 @@ impl DemoScene {
         let path = dir.join("mesh_gt.ply");
         fs::write(&path, ply(&self.mesh)).map_err(failed(&path))
     }
+}
+
+/// `image`'s own `save` drops what the last flush says, such as that the disk is full.
+fn save(picture: &DynamicImage, path: &Path) -> Result<(), DemoError> {
+    draft_folder::write_file(path, Durability::Program, |out| {
+        let written = picture.write_to(out, ImageFormat::Png);
+        written.map_err(|error| match error {
+            ImageError::IoError(error) => error,
+            other => io::Error::other(other.to_string()),
+        })
+    })?;
+    Ok(())
 }
 
 /// Binary little-endian PLY with `f32` vertices.

@@ -1,4 +1,4 @@
-//! Folders that appear in one piece.
+//! Folders that appear in one piece, and files ([`write_file`]).
 //!
 //! A [`Draft`] lies beside its place, on the same disk, and is renamed when it is complete. One that is dropped
 //! before that is gone, and so are those of a program that calls [`abandon_all`] when it is told to end; of one whose program
@@ -7,6 +7,7 @@
 //! An empty folder gives way to it, unless it is one that has to stay, such as the one a shell is in or one that a disk
 //! is mounted on: there the draft lies in its place, and what is in it moves up.
 
+mod file;
 mod moving;
 mod occupant;
 mod open;
@@ -15,13 +16,14 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+pub use file::{Durability, write_file};
 use moving::{entries, is_elsewhere, move_all};
 pub use occupant::Occupant;
 use open::Open;
 pub use open::abandon_all;
 use tempfile::TempDir;
 
-/// Start of the names of folders that are being written.
+/// Start of the names of folders and files that are being written.
 pub const PREFIX: &str = ".sos-partial-";
 
 /// What to do with what an earlier run of a program has left in a place.
@@ -50,7 +52,7 @@ pub struct Draft {
 
 /// What went wrong, where, and what to do.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot {action} {}: {source}; {}", path.display(), remedy(source))]
+#[error("cannot {action} {}: {source}; {}", path.display(), self.remedy())]
 pub struct DraftError {
     /// What was to be done, as in "create" or "remove".
     pub action: &'static str,
@@ -60,10 +62,14 @@ pub struct DraftError {
     pub source: io::Error,
 }
 
-fn remedy(error: &io::Error) -> &'static str {
-    match error.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space",
-        _ => "choose a folder that can be written to",
+impl DraftError {
+    /// What to do.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self.source.kind() {
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space",
+            _ => "choose a folder that can be written to",
+        }
     }
 }
 

@@ -3,7 +3,8 @@
 use crate::EvalError;
 use crate::folders::compare_folders;
 use crate::matching::{list_pictures, match_views};
-use crate::mattes::Mattes;
+use crate::mattes::{Mattes, Reading};
+use crate::picture::Plane;
 use crate::report::Report;
 use crate::run::run_eval;
 use crate::table::{markdown_cells, markdown_headings, score_cells, score_headings};
@@ -101,7 +102,8 @@ pub fn compare_contenders(
 }
 
 /// The folder of true mattes: `alpha_gt/` in a scene, or the folder itself.
-fn true_mattes(gt_dir: &Path) -> PathBuf {
+#[must_use]
+pub fn true_mattes(gt_dir: &Path) -> PathBuf {
     let inner = gt_dir.join("alpha_gt");
     if inner.is_dir() {
         inner
@@ -115,8 +117,18 @@ fn true_mattes(gt_dir: &Path) -> PathBuf {
 pub struct MatteFile {
     /// Where it is.
     pub path: PathBuf,
-    /// Whether its folder holds the labels 0 and 1, which scores take for black and white.
-    pub labels: bool,
+    /// As its folder is read.
+    reading: Reading,
+}
+
+impl MatteFile {
+    /// Reads it as it is scored: numbers of some tools that are not black and white become so.
+    ///
+    /// # Errors
+    /// [`EvalError`] if it cannot be read.
+    pub fn read(&self) -> Result<Plane, EvalError> {
+        self.reading.read(&self.path)
+    }
 }
 
 /// A view's name and its files: the true matte, then one for each contender.
@@ -132,22 +144,22 @@ pub fn mattes_by_view(
 ) -> Result<Vec<ViewFiles>, EvalError> {
     let alpha_gt = true_mattes(gt_dir);
     let truth = list_pictures(&alpha_gt)?.pictures;
-    let mut columns = vec![(Mattes::of(&alpha_gt, &truth)?.are_labels(), truth.clone())];
+    let mut columns = vec![(Mattes::of(&alpha_gt, &truth)?.reading(), truth.clone())];
     for contender in contenders {
         let folder = contender.mattes();
         let pictures = match_views(&alpha_gt, &truth, &folder)?.pictures;
-        columns.push((Mattes::of(&folder, &pictures)?.are_labels(), pictures));
+        columns.push((Mattes::of(&folder, &pictures)?.reading(), pictures));
     }
-    let file = |labels: bool, path: &PathBuf| MatteFile {
+    let file = |reading: Reading, path: &PathBuf| MatteFile {
         path: path.clone(),
-        labels,
+        reading,
     };
     Ok(truth
         .keys()
         .map(|name| {
             let files = columns
                 .iter()
-                .map(|(labels, pictures)| pictures.get(name).map(|path| file(*labels, path)));
+                .map(|(reading, pictures)| pictures.get(name).map(|path| file(*reading, path)));
             (name.clone(), files.collect())
         })
         .collect())

@@ -12,11 +12,10 @@ use crate::mattes::Mattes;
 use crate::picture::{Mask, RgbPlane, Sized2d, assert_same_size, read_rgb};
 use crate::report::MASK_THRESHOLD;
 use crate::splitmix::SplitMix64;
-use draft_folder::Draft;
+use draft_folder::{Draft, DraftError, Durability};
 use image::{GrayImage, ImageError, ImageFormat};
 use rayon::prelude::*;
-use std::fs::{self, File};
-use std::io::{BufWriter, Write as _};
+use std::io;
 use std::path::Path;
 
 /// Colour distance, in 0..=1 per channel, that makes a step of a growing region ten times as long.
@@ -163,10 +162,6 @@ pub fn degrade_folder(
     let truth = list_pictures(gt_dir)?;
     let photos = match_views(gt_dir, &truth.pictures, photo_dir)?;
     let mattes = Mattes::of(gt_dir, &truth.pictures)?;
-    let failed = |path: &Path, reason: String| EvalError::Write {
-        path: path.to_owned(),
-        reason,
-    };
     let draft = Draft::beside(out)?;
     let views: Vec<_> = truth.pictures.iter().enumerate().collect();
     let written = views.par_iter().map(|&(index, (name, path))| {
@@ -189,8 +184,10 @@ pub fn degrade_folder(
             return Ok(0);
         };
         let file = format!("{name}.png");
-        save(&picture(&mask), &draft.path().join(&file))
-            .map_err(|error| failed(&out.join(&file), error.to_string()))?;
+        save(&picture(&mask), &draft.path().join(&file)).map_err(|error| DraftError {
+            path: out.join(&file),
+            ..error
+        })?;
         Ok(1)
     });
     let count = written.sum::<Result<usize, EvalError>>()?;
@@ -207,15 +204,15 @@ fn picture(mask: &Mask) -> GrayImage {
     })
 }
 
-/// Writes a PNG file, and the folders on its way. `image`'s own `save` drops what the last flush says, such as that
-/// the disk is full.
-fn save(picture: &GrayImage, path: &Path) -> Result<(), ImageError> {
-    if let Some(folder) = path.parent() {
-        fs::create_dir_all(folder)?;
-    }
-    let mut file = BufWriter::new(File::create(path)?);
-    picture.write_to(&mut file, ImageFormat::Png)?;
-    Ok(file.flush()?)
+/// Writes a PNG file, and the folders on its way.
+fn save(picture: &GrayImage, path: &Path) -> Result<(), DraftError> {
+    draft_folder::write_file(path, Durability::Program, |out| {
+        let written = picture.write_to(out, ImageFormat::Png);
+        written.map_err(|error| match error {
+            ImageError::IoError(error) => error,
+            other => io::Error::other(other.to_string()),
+        })
+    })
 }
 
 fn nothing_like(mask: &Mask) -> Mask {
@@ -415,10 +412,9 @@ mod tests {
     fn a_full_disk_is_told_of_a_small_mask_too() {
         let grey = GrayImage::from_pixel(8, 8, image::Luma([255]));
         let error = save(&grey, Path::new("/dev/full")).unwrap_err();
-        let ImageError::IoError(error) = error else {
-            panic!("{error}");
-        };
-        assert_eq!(error.kind(), std::io::ErrorKind::StorageFull);
+        assert_eq!(error.source.kind(), io::ErrorKind::StorageFull);
+        let error = EvalError::from(error).to_string();
+        assert!(error.ends_with("free some space"), "{error}");
     }
 
     #[test]

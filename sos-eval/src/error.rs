@@ -94,12 +94,14 @@ pub enum EvalError {
         view: String,
     },
     /// A picture or folder that cannot be written.
-    #[error("{} cannot be written ({reason}): choose another folder", .path.display())]
+    #[error("{} cannot be written ({reason}): {remedy}", .path.display())]
     Write {
         /// The file or folder.
         path: PathBuf,
         /// What the system said.
         reason: String,
+        /// What to do.
+        remedy: &'static str,
     },
     /// A mesh file that cannot be read.
     #[error("the mesh {} cannot be read ({reason}): export it again as a PLY triangle mesh", .path.display())]
@@ -120,8 +122,9 @@ pub enum EvalError {
 impl From<draft_folder::DraftError> for EvalError {
     fn from(error: draft_folder::DraftError) -> Self {
         Self::Write {
-            path: error.path,
+            remedy: error.remedy(),
             reason: error.source.to_string(),
+            path: error.path,
         }
     }
 }

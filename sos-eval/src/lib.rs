@@ -65,6 +65,7 @@ mod table;
 pub use boundary::{BOUNDARY_SHARE, band_width, boundary_band, boundary_iou};
 pub use comparison::{
     Compared, Comparison, Contender, MatteFile, ViewFiles, compare_contenders, mattes_by_view,
+    true_mattes,
 };
 pub use degrade::{Degraded, Fault, degrade, degrade_folder};
 pub use error::EvalError;

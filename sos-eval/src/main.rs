@@ -1,9 +1,10 @@
 //! `sos-eval PRED_DIR GT_DIR [--start DIR] [--filled] [--json FILE]`: scores a folder of alpha mattes.
 
 use clap::Parser;
-use std::fs;
-use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use draft_folder::Durability;
+use std::fs::File;
+use std::io::{self, BufWriter, Write as _};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Scores a folder of alpha mattes against a folder of true ones and prints a table.
@@ -46,30 +47,6 @@ fn refuse(sentence: &str) -> ExitCode {
     ExitCode::from(2)
 }
 
-/// Writes a file beside its place first: a full disk leaves no half of it, and what was there stays.
-fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
-    if fs::metadata(path).is_ok_and(|found| !found.is_file()) {
-        // A pipe or /dev/stdout is no file that another could be put in the place of.
-        return fs::write(path, content);
-    }
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".sos-partial-");
-    #[cfg(unix)]
-    {
-        // As for any new file: what the user's umask leaves of it, not the private 0600.
-        use std::os::unix::fs::PermissionsExt as _;
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(folder)?;
-    file.write_all(content)?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
-}
-
 fn run(args: &Args) -> Result<String, String> {
     let compare = if args.filled {
         sos_eval::compare_silhouettes
@@ -79,14 +56,9 @@ fn run(args: &Args) -> Result<String, String> {
     let report =
         compare(&args.pred_dir, &args.gt_dir, args.start.as_deref()).map_err(|e| e.to_string())?;
     if let Some(path) = &args.json {
-        let fail = |e: String| {
-            format!(
-                "the scores cannot be written to {} ({e}): choose another file",
-                path.display()
-            )
-        };
-        let json = serde_json::to_string_pretty(&report).map_err(|e| fail(e.to_string()))?;
-        write_whole(path, (json + "\n").as_bytes()).map_err(|e| fail(e.to_string()))?;
+        let json = serde_json::to_string_pretty(&report).map_err(|e| e.to_string())?;
+        let write = |out: &mut BufWriter<File>| writeln!(out, "{json}");
+        draft_folder::write_file(path, Durability::Program, write).map_err(|e| e.to_string())?;
     }
     Ok(report.table(args.worst))
 }

@@ -4,7 +4,7 @@
 //! alpha is straight, colours are as stored (gamma encoded).
 
 use crate::EvalError;
-use image::{DynamicImage, ImageReader};
+use image::{ColorType, DynamicImage, ImageReader, Limits};
 use std::path::Path;
 
 /// One channel, `[height, width]`, values in 0..=1.
@@ -154,57 +154,94 @@ pub(crate) fn assert_same_size(op: &str, a: &impl Sized2d, b: &impl Sized2d) {
     );
 }
 
-fn open(path: &Path) -> Result<DynamicImage, EvalError> {
+/// As large as a photo may be: the limit of the `image` crate is below a cut-out of 150 megapixels.
+const MOST_BYTES: u64 = 4 << 30;
+
+/// Opens a picture of any format.
+pub(crate) fn open(path: &Path) -> Result<DynamicImage, EvalError> {
     let fail = |reason: String| EvalError::Picture {
         path: path.to_owned(),
         reason,
     };
-    let reader = ImageReader::open(path)
+    let mut reader = ImageReader::open(path)
         .and_then(|r| r.with_guessed_format())
         .map_err(|e| fail(e.to_string()))?;
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(MOST_BYTES);
+    reader.limits(limits);
     reader.decode().map_err(|e| fail(e.to_string()))
 }
 
 /// Reads an alpha matte or mask: the alpha channel if the file has one that is not opaque
 /// everywhere, else the luma, unless it is in colour. 8 or 16 bits per channel.
+///
+/// # Errors
+/// [`EvalError`] if it cannot be read, or is in colour.
 pub fn read_alpha(path: &Path) -> Result<Plane, EvalError> {
-    let picture = open(path)?;
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
-    let unit = |v: u16| f32::from(v) / 65535.0;
-    if picture.color().has_alpha() {
-        let values: Vec<f32> = picture.to_rgba16().pixels().map(|p| unit(p.0[3])).collect();
-        if values.iter().any(|&a| a < 1.0) {
-            return Ok(Plane {
-                width,
-                height,
-                values,
-            });
-        }
-    }
-    if picture.color().has_color() && is_colourful(&picture.to_rgb8()) {
-        return Err(EvalError::NoMatte {
-            path: path.to_owned(),
-        });
-    }
-    let values = picture
-        .into_luma16()
-        .into_raw()
-        .into_iter()
-        .map(unit)
-        .collect();
-    Ok(Plane {
-        width,
-        height,
-        values,
-    })
+    Plane::alpha_of(open(path)?, path)
 }
 
-/// The largest value of a picture that is grey with 8 bits; `None` of any other.
-pub(crate) fn brightest_of_bytes(path: &Path) -> Result<Option<u8>, EvalError> {
-    Ok(match open(path)? {
-        DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().max(),
-        _ => None,
-    })
+impl Plane {
+    /// The same of an open picture; `path` is for errors.
+    pub(crate) fn alpha_of(picture: DynamicImage, path: &Path) -> Result<Self, EvalError> {
+        let (width, height) = (picture.width() as usize, picture.height() as usize);
+        let unit = |v: u16| f32::from(v) / 65535.0;
+        if picture.color().has_alpha() {
+            let values: Vec<f32> = picture.to_rgba16().pixels().map(|p| unit(p.0[3])).collect();
+            if values.iter().any(|&a| a < 1.0) {
+                return Ok(Self::new(width, height, values));
+            }
+        }
+        if picture.color().has_color() && is_colourful(&picture.to_rgb8()) {
+            return Err(EvalError::NoMatte {
+                path: path.to_owned(),
+            });
+        }
+        let luma = picture.into_luma16().into_raw();
+        Ok(Self::new(
+            width,
+            height,
+            luma.into_iter().map(unit).collect(),
+        ))
+    }
+}
+
+/// The numbers in a grey picture.
+pub(crate) struct Grey {
+    /// The largest of them.
+    pub(crate) largest: u16,
+    /// Whether there are 16 bits for each.
+    pub(crate) wide: bool,
+}
+
+impl Grey {
+    /// Of a picture; `None` where alpha says more than its grey, or where numbers are fractions.
+    pub(crate) fn range(picture: &DynamicImage) -> Option<Self> {
+        if picture.color().has_alpha() && picture.to_rgba16().pixels().any(|p| p.0[3] < u16::MAX) {
+            return None;
+        }
+        let wide = Self::is_wide(picture);
+        let largest = if wide {
+            picture.to_luma16().into_raw().into_iter().max()
+        } else if picture.color().bytes_per_pixel() == picture.color().channel_count() {
+            let bytes = picture.to_luma8().into_raw();
+            bytes.into_iter().max().map(u16::from)
+        } else {
+            None
+        };
+        Some(Self {
+            largest: largest?,
+            wide,
+        })
+    }
+
+    /// Whether a picture has whole numbers of 16 bits.
+    pub(crate) fn is_wide(picture: &DynamicImage) -> bool {
+        matches!(
+            picture.color(),
+            ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16
+        )
+    }
 }
 
 /// Whether a picture is a photo or a coloured drawing, not something grey in three channels, which JPEG may have

@@ -1,6 +1,7 @@
 //! One run's folder against a scene's ground truth: mattes, and plates and mesh where both have them.
 
 use crate::EvalError;
+use crate::comparison::true_mattes;
 use crate::folders::compare_folders;
 use crate::matching::list_pictures;
 use crate::mesh::{MESH_SAMPLES, compare_meshes};
@@ -22,12 +23,7 @@ const MESH_SEED: u64 = 1;
 /// coordinates.
 /// Mattes are required, whatever else both sides have is scored too; a mesh that cannot be is noted in the report.
 pub fn run_eval(run_dir: &Path, gt_dir: &Path, start: Option<&Path>) -> Result<Report, EvalError> {
-    let inner = gt_dir.join("alpha_gt");
-    let alpha_gt = if inner.is_dir() {
-        inner
-    } else {
-        gt_dir.to_owned()
-    };
+    let alpha_gt = true_mattes(gt_dir);
     let alpha = run_dir.join("alpha");
     if !alpha.is_dir() && holds_mattes(run_dir) {
         return Err(EvalError::NoRun {

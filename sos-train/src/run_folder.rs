@@ -14,12 +14,12 @@ pub use draft_folder::Existing;
 pub use error::RunError;
 pub(crate) use files::{view_file, write_folder, write_whole};
 
+use draft_folder::Durability;
 use files::{
-    Durability, PARTIAL, holds_pictures, remove_file, remove_folder, remove_made, remove_pictures,
-    write_file,
+    PARTIAL, holds_pictures, remove_file, remove_folder, remove_made, remove_pictures, write_file,
 };
 use lock::{LOCK, Lock};
-use std::fs;
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -407,7 +407,7 @@ impl RunFolder {
     pub fn write(
         &self,
         path: &Path,
-        fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
+        fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
     ) -> Result<(), RunError> {
         self.begin()?;
         write_file(path, Durability::Program, fill)
@@ -421,7 +421,7 @@ impl RunFolder {
     pub fn write_durably(
         &self,
         path: &Path,
-        fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
+        fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
     ) -> Result<(), RunError> {
         self.begin()?;
         write_file(path, Durability::Disk, fill)

@@ -14,8 +14,9 @@ use std::{
 use serde_json::Value;
 
 /// What each crate may depend on within the workspace: the arrows of ARCHITECTURE.md.
-const ALLOWED: [(&str, &[&str]); 18] = [
+const ALLOWED: [(&str, &[&str]); 19] = [
     ("draft-folder", &[]),
+    ("ply-mesh", &[]),
     ("tensor-slices", &[]),
     ("gpu-tensors", &[]),
     ("hashgrid", &["gpu-tensors", "tensor-slices"]),
@@ -32,9 +33,9 @@ const ALLOWED: [(&str, &[&str]); 18] = [
         &["draft-folder", "io-colmap", "scene-import"],
     ),
     ("scene-doctor", &["io-colmap", "scene-capture"]),
-    ("scene-export", &["draft-folder", "io-colmap"]),
+    ("scene-export", &["draft-folder", "io-colmap", "ply-mesh"]),
     ("demo-scene", &["draft-folder"]),
-    ("sos-eval", &["draft-folder"]),
+    ("sos-eval", &["draft-folder", "ply-mesh"]),
     (
         "sos-train",
         &[
@@ -45,6 +46,7 @@ const ALLOWED: [(&str, &[&str]); 18] = [
             "io-colmap",
             "losses",
             "neus-render",
+            "ply-mesh",
             "scene-capture",
             "scene-decomp",
             "scene-doctor",
@@ -95,8 +97,9 @@ const ALLOWED_IN_TESTS: [(&str, &[&str]); 2] = [
 ];
 
 /// Crates that are useful to people who do not use Burn, and quick to build without it.
-const WITHOUT_BURN: [&str; 9] = [
+const WITHOUT_BURN: [&str; 10] = [
     "draft-folder",
+    "ply-mesh",
     "io-colmap",
     "scene-import",
     "scene-capture",

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use demo_scene::DemoConfig;
-use glam::{DVec3, Vec2, Vec3};
+use glam::Vec2;
 use io_colmap::{MaskSet, Scene};
 use sos_train::config::{Preset, TrainConfig};
 use sos_train::discover::hint::Click;
@@ -161,14 +161,12 @@ fn a_rival_learns(settings: &[&str], least: f64) {
         .iter()
         .zip(&mesh.normals)
         .filter(|(at, normal)| {
-            let away = (DVec3::from(**at) - middle).as_vec3();
-            away.dot(Vec3::from(**normal)) > 0.0
+            let away = (**at - middle).as_vec3();
+            away.dot(**normal) > 0.0
         });
     assert!(2 * outwards.count() > mesh.positions.len(), "{settings:?}");
-    let near = mesh.positions.iter().filter(|at| {
-        let at = DVec3::from(**at) - middle;
-        at.length() < (high - low).length()
-    });
+    let size = (high - low).length();
+    let near = (mesh.positions.iter()).filter(|at| at.distance(middle) < size);
     assert!(10 * near.count() > 9 * mesh.positions.len(), "{settings:?}");
 }
 

@@ -304,11 +304,16 @@ fn labels_are_black_and_white_and_inverted_masks_are_named() {
         panic!("{:?}", report.notes)
     };
     assert!(labels.contains("pred") && labels.contains("labels 0 and 1"));
-    // Those who show them are told of each folder.
+    // Those who show them read them in the same way.
     let contenders = [&pred, &start].map(|folder| Contender::parse(folder.to_str().unwrap()));
     for (_, files) in mattes_by_view(&contenders, &truth).unwrap() {
-        let labels: Vec<_> = files.iter().flatten().map(|file| file.labels).collect();
-        assert_eq!(labels, [false, true, false]);
+        let read: Vec<_> = files
+            .iter()
+            .flatten()
+            .map(|file| file.read().unwrap())
+            .collect();
+        assert_eq!(read[0].values, read[1].values);
+        assert_ne!(read[0].values, read[2].values);
     }
     assert!(inverted.contains("start") && inverted.contains("black is the object"));
     // One that has more in it is dark, all the same.
@@ -318,6 +323,42 @@ fn labels_are_black_and_white_and_inverted_masks_are_named() {
     let report = compare_folders(&pred, &truth, None).unwrap();
     assert_eq!(report.mean.iou, 0.0);
     assert_eq!(report.notes, [""; 0]);
+}
+
+#[test]
+fn masks_of_bytes_in_sixteen_bits_are_black_and_white() {
+    let (_root, pred, truth, _) = scene();
+    fs::create_dir_all(&pred).unwrap();
+    let rewrite = |of: fn(u16) -> u16| {
+        for entry in fs::read_dir(&truth).unwrap().flatten() {
+            let grey = image::open(entry.path()).unwrap().into_luma8();
+            let wide = ImageBuffer::from_fn(grey.width(), grey.height(), |x, y| {
+                Luma([of(u16::from(grey.get_pixel(x, y).0[0]))])
+            });
+            wide.save(pred.join(entry.file_name())).unwrap();
+        }
+    };
+    for (of, says) in [
+        (
+            (|v| v) as fn(u16) -> u16,
+            Some("16 bits but nothing above 255"),
+        ),
+        (|v| v / 128, Some("labels 0 and 1")),
+        (|v| 257 * v, None),
+    ] {
+        rewrite(of);
+        let report = compare_folders(&pred, &truth, None).unwrap();
+        assert_eq!(report.mean.iou, 1.0, "{says:?}");
+        let notes = report.notes.iter().map(String::as_str);
+        assert!(notes.clone().count() == usize::from(says.is_some()));
+        assert!(says.is_none_or(|says| notes.clone().any(|note| note.contains(says))));
+    }
+    // Bright somewhere, and so dark elsewhere.
+    ImageBuffer::from_pixel(40, 40, Luma([200u16]))
+        .save(pred.join("001.png"))
+        .unwrap();
+    let report = compare_folders(&pred, &truth, None).unwrap();
+    assert!(report.mean.iou < 1.0 && report.notes.is_empty());
 }
 
 #[test]

@@ -7,9 +7,9 @@ use crate::error::InputError;
 use crate::report::{ReportInputs, comparison_page, write_report};
 use crate::run_folder::{RunFolder, write_whole};
 use serde_json::json;
-use sos_eval::{Contender, compare_contenders};
+use sos_eval::{Contender, compare_contenders, true_mattes};
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Views listed as the worst.
 const WORST: usize = 5;
@@ -89,17 +89,7 @@ pub(super) fn make_report(run: &RunFolder, gt: Option<&Path>) -> anyhow::Result<
     }
     .write(run)?;
     if let Some(gt) = gt {
-        inputs.reference = Some(mattes_in(gt));
+        inputs.reference = Some(true_mattes(gt));
     }
     Ok(write_report(run, &inputs)?)
-}
-
-/// A scene with true mattes, or their folder itself.
-fn mattes_in(gt: &Path) -> PathBuf {
-    let inner = gt.join("alpha_gt");
-    if inner.is_dir() {
-        inner
-    } else {
-        gt.to_path_buf()
-    }
 }

@@ -25,7 +25,7 @@ mod view;
 
 pub use cameras::write_cameras;
 pub use log::{LogRecord, TrainLog, read_log};
-pub use mesh::{WorldMesh, write_mesh};
+pub use mesh::write_mesh;
 pub(crate) use picture::byte;
 pub use picture::write_preview;
 pub use view::{ViewRender, check_names, write_found_mask, write_uncertainty, write_view};

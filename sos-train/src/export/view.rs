@@ -193,7 +193,7 @@ fn encode_normal(normal: &[f32; 3]) -> [u8; 3] {
     }
 }
 
-fn write_depth(out: &mut BufWriter<&mut std::fs::File>, view: &ViewRender) -> io::Result<()> {
+fn write_depth(out: &mut BufWriter<std::fs::File>, view: &ViewRender) -> io::Result<()> {
     let channel = AnyChannel::new("Z", FlatSamples::F32(view.depth.clone()));
     let mut attributes = LayerAttributes::named("depth");
     attributes.comments = Some(Text::from(DEPTH));

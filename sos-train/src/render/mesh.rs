@@ -6,10 +6,11 @@ use neus_render::intersect::Aabb;
 use neus_render::isosurface::{
     Border, IsosurfaceConfig, IsosurfaceError, Measure, extract_isosurface,
 };
+use ply_mesh::Mesh;
 
 use super::rays::FrozenScene;
 use crate::config::Transparency;
-use crate::export::{WorldMesh, byte};
+use crate::export::byte;
 use crate::prepare::Frame;
 use crate::train::semantic::logit_at;
 
@@ -76,7 +77,7 @@ pub fn extract(
     scene: &FrozenScene,
     frame: &Frame,
     resolution: u32,
-) -> Result<WorldMesh, IsosurfaceError> {
+) -> Result<Mesh, IsosurfaceError> {
     let config = IsosurfaceConfig {
         resolution,
         border: Border::Closed,
@@ -100,13 +101,10 @@ pub fn extract(
     let geometry = field.geometry(&points);
     let colours = field.colour(&geometry, &points, &directions, &[]);
     let outputs = colours.len().checked_div(mesh.positions.len()).unwrap_or(4);
-    Ok(WorldMesh {
-        positions: mesh
-            .positions
-            .iter()
-            .map(|p| frame.world_from_normalised(*p).to_array())
-            .collect(),
-        normals: mesh.normals.iter().map(Vec3::to_array).collect(),
+    let world = |p: &Vec3| frame.world_from_normalised(*p);
+    Ok(Mesh {
+        positions: mesh.positions.iter().map(world).collect(),
+        normals: mesh.normals,
         colours: colours
             .chunks_exact(outputs)
             .map(|c| [0, 1, 2].map(|k| byte(c[k])))

@@ -3,10 +3,11 @@
 use super::ReportError;
 use super::page::STYLE;
 use super::thumbnail;
-use super::views::matte_of;
+use crate::export::byte;
 use html_escape::encode_quoted_attribute as escape;
+use image::GrayImage;
 use rayon::prelude::*;
-use sos_eval::{Comparison, Contender, mattes_by_view};
+use sos_eval::{Comparison, Contender, Plane, mattes_by_view};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -46,11 +47,7 @@ pub fn comparison_page(
                     row.push_str("<td>none</td>");
                     continue;
                 };
-                let mut matte = matte_of(&thumbnail::open(&file.path)?);
-                if file.labels {
-                    matte.iter_mut().for_each(|label| *label *= u8::MAX);
-                }
-                let matte = thumbnail::matte(&matte, ROOM);
+                let matte = thumbnail::matte(&grey(&file.read()?), ROOM);
                 let _ = write!(
                     row,
                     "<td><img src=\"{}\" width=\"{}\" height=\"{}\" loading=\"lazy\" alt=\"\">",
@@ -72,4 +69,11 @@ pub fn comparison_page(
     html.extend(rows);
     html.push_str("</table></div>\n</body>\n</html>\n");
     Ok(html)
+}
+
+fn grey(matte: &Plane) -> GrayImage {
+    GrayImage::from_fn(matte.width as u32, matte.height as u32, |x, y| {
+        let value = matte.values[y as usize * matte.width + x as usize];
+        image::Luma([byte(value)])
+    })
 }

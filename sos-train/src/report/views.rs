@@ -180,7 +180,7 @@ fn reference(dir: &Path, photo: &str) -> Option<PathBuf> {
 }
 
 /// Reference mattes come as grey pictures, or as the alpha of a cut-out.
-pub(super) fn matte_of(picture: &DynamicImage) -> GrayImage {
+fn matte_of(picture: &DynamicImage) -> GrayImage {
     if !picture.color().has_alpha() {
         return picture.to_luma8();
     }

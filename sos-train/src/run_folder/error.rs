@@ -98,22 +98,6 @@ impl RunError {
             source,
         }
     }
-
-    /// The same of a file that belongs to no run.
-    pub(super) fn without_run(self) -> Self {
-        match self {
-            Self::Io {
-                action,
-                path,
-                source,
-            } => Self::Outside {
-                action,
-                path,
-                source,
-            },
-            other => other,
-        }
-    }
 }
 
 #[cfg(test)]
@@ -125,7 +109,8 @@ mod tests {
         let full = || io::ErrorKind::StorageFull.into();
         let of_run = RunError::io("write", Path::new("run/mesh.ply"), full());
         assert!(of_run.to_string().ends_with("go on with --resume"));
-        let says = of_run.without_run().to_string();
+        let outside = RunError::outside("write", Path::new("run/mesh.ply"), full());
+        let says = outside.to_string();
         assert!(
             says.starts_with("cannot write run/mesh.ply") && says.ends_with("; free some space"),
             "{says}"

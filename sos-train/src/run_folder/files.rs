@@ -1,28 +1,21 @@
 //! Files that appear in one piece, and their removal.
 
 use super::RunError;
-use draft_folder::Draft;
-use std::fs;
+use draft_folder::{Draft, Durability};
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Start of the names of files that are being written, as of folders.
 pub(super) const PARTIAL: &str = draft_folder::PREFIX;
 
-/// What a finished file survives.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Durability {
-    Program,
-    Disk,
-}
-
 /// Writes a file that belongs to no run in one piece; its folder is made if need be.
 ///
 /// # Errors
 /// [`RunError::Outside`] if it cannot be written.
 pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<(), RunError> {
-    write_file(path, Durability::Program, |out| out.write_all(content))
-        .map_err(RunError::without_run)
+    draft_folder::write_file(path, Durability::Program, |out| out.write_all(content))?;
+    Ok(())
 }
 
 /// Fills a folder that belongs to no run in one piece, under another name beside its place, so that no
@@ -40,39 +33,14 @@ pub(crate) fn write_folder<T>(
     Ok(filled)
 }
 
-/// The folder that a path is in.
-fn folder_of(path: &Path) -> &Path {
-    path.parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."))
-}
-
+/// Writes one of a run's own files in one piece.
 pub(super) fn write_file(
     path: &Path,
     durability: Durability,
-    fill: impl FnOnce(&mut BufWriter<&mut fs::File>) -> io::Result<()>,
+    fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), RunError> {
-    let fail = |e| RunError::io("write", path, e);
-    let folder = folder_of(path);
-    fs::create_dir_all(folder).map_err(|e| RunError::io("create the folder", folder, e))?;
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(PARTIAL);
-    #[cfg(unix)]
-    {
-        // As for any new file: what the user's umask leaves of it, not the private 0600.
-        use std::os::unix::fs::PermissionsExt as _;
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(folder).map_err(fail)?;
-    let mut out = BufWriter::with_capacity(1 << 16, file.as_file_mut());
-    fill(&mut out).map_err(fail)?;
-    out.flush().map_err(fail)?;
-    drop(out);
-    if durability == Durability::Disk {
-        file.as_file().sync_all().map_err(fail)?;
-    }
-    file.persist(path).map_err(|e| fail(e.error))?;
-    Ok(())
+    draft_folder::write_file(path, durability, fill)
+        .map_err(|error| RunError::io(error.action, &error.path, error.source))
 }
 
 /// The path of a view's file below `folder`: as the photo, with another ending. Exports look for it

@@ -2,9 +2,11 @@
 
 use crate::fabricated;
 use exr::prelude::{ReadChannels as _, ReadLayers as _};
+use glam::DVec3;
+use ply_mesh::Mesh;
 use sos_train::export::{
-    ExportError, LogRecord, TrainLog, ViewRender, WorldMesh, check_names, read_log, write_mesh,
-    write_preview, write_view,
+    ExportError, LogRecord, TrainLog, ViewRender, check_names, read_log, write_mesh, write_preview,
+    write_view,
 };
 use sos_train::run_folder::{Existing, RunFolder};
 use std::fs::{self, File};
@@ -145,77 +147,16 @@ fn photos_that_differ_only_in_their_ending_are_refused() {
 fn the_mesh_reads_back() {
     let dir = tempfile::tempdir().unwrap();
     let run = run(dir.path());
-    let mesh = WorldMesh {
-        positions: vec![
-            [0.0, 0.0, 0.0],
-            [1.5, 0.0, 0.0],
-            [0.0, 2.5, 0.0],
-            [0.0, 0.0, -3.5],
-        ],
-        normals: vec![[0.0, 0.0, 1.0]; 4],
-        colours: vec![[255, 128, 0]; 4],
+    let mesh = Mesh {
+        positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::NEG_Z],
         triangles: vec![[0, 1, 2], [3, 1, 0]],
-    };
-    write_mesh(&run, &mesh).unwrap();
-    let read = sos_eval::read_ply(&run.mesh_path()).unwrap();
-    let positions: Vec<[f64; 3]> = read.vertices.iter().map(|v| v.to_array()).collect();
-    assert_eq!(positions, mesh.positions);
-    assert_eq!(read.triangles, mesh.triangles);
-
-    let bytes = fs::read(run.mesh_path()).unwrap();
-    let end = bytes
-        .windows(11)
-        .position(|w| w == b"end_header\n")
-        .unwrap()
-        + 11;
-    let header = String::from_utf8(bytes[..end].to_vec()).unwrap();
-    assert!(
-        header.contains("format binary_little_endian 1.0"),
-        "{header}"
-    );
-    for property in [
-        "float x",
-        "float nx",
-        "uchar red",
-        "list uchar int vertex_indices",
-    ] {
-        assert!(
-            header.contains(&format!("property {property}\n")),
-            "{header}"
-        );
+        ..Mesh::default()
     }
-    // 6 floats and 3 bytes a vertex; a count and 3 indices a face.
-    assert_eq!(bytes.len() - end, 4 * 27 + 2 * 13);
-    assert_eq!(bytes[end + 24..end + 27], [255, 128, 0]);
-}
-
-#[test]
-fn a_mesh_far_from_the_origin_keeps_its_shape() {
-    let dir = tempfile::tempdir().unwrap();
-    let run = run(dir.path());
-    let far = 4.5e6;
-    let mesh = WorldMesh {
-        positions: vec![[far, 0.0, 0.0], [far + 0.01, 0.0, 0.0], [far, 0.01, 0.0]],
-        normals: vec![[0.0, 0.0, 1.0]; 3],
-        colours: vec![[0; 3]; 3],
-        triangles: vec![[0, 1, 2]],
-    };
+    .completed();
     write_mesh(&run, &mesh).unwrap();
-    let read = sos_eval::read_ply(&run.mesh_path()).unwrap();
-    assert_eq!(read.vertices[1].x, far + 0.01);
-}
-
-#[test]
-fn an_empty_mesh_is_a_valid_file() {
-    let dir = tempfile::tempdir().unwrap();
-    let run = run(dir.path());
-    write_mesh(&run, &WorldMesh::default()).unwrap();
-    assert!(
-        sos_eval::read_ply(&run.mesh_path())
-            .unwrap()
-            .vertices
-            .is_empty()
-    );
+    assert_eq!(Mesh::read(&run.mesh_path()).unwrap(), mesh);
+    let bytes = fs::read(run.mesh_path()).unwrap();
+    assert!(String::from_utf8_lossy(&bytes).contains("comment made by sos "));
 }
 
 #[test]

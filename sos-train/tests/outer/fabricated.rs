@@ -1,8 +1,10 @@
 //! A run as training would leave it, without training.
 
 use demo_scene::{DemoConfig, DemoScene, generate};
+use glam::Vec3;
+use ply_mesh::Mesh;
 use sos_train::config::{InputRecord, RunRecord, TrainConfig};
-use sos_train::export::{LogRecord, TrainLog, ViewRender, WorldMesh, write_mesh, write_view};
+use sos_train::export::{LogRecord, TrainLog, ViewRender, write_mesh, write_view};
 use sos_train::run_folder::{Existing, RunFolder};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -105,12 +107,12 @@ pub(crate) fn render(view: &demo_scene::DemoView) -> ViewRender {
     }
 }
 
-fn mesh(scene: &DemoScene) -> WorldMesh {
-    let positions: Vec<[f64; 3]> = scene.mesh.vertices.iter().map(|v| v.to_array()).collect();
-    WorldMesh {
-        normals: vec![[0.0, 0.0, 1.0]; positions.len()],
-        colours: vec![[200, 80, 10]; positions.len()],
-        positions,
+fn mesh(scene: &DemoScene) -> Mesh {
+    let vertices = scene.mesh.vertices.len();
+    Mesh {
+        positions: scene.mesh.vertices.clone(),
+        normals: vec![Vec3::Z; vertices],
+        colours: vec![[200, 80, 10]; vertices],
         triangles: scene.mesh.faces.clone(),
     }
 }
