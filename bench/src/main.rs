@@ -1,5 +1,5 @@
 //! How fast training is, and how fast it could be: one run measures the machine's peaks, the fused
-//! ops against their rooflines, whole training steps with their phases, and PyTorch's step.
+//! ops against their rooflines, whole training steps with their phases, and, where it is asked for, PyTorch's step.
 //!
 //! - `peaks.rs`: arithmetic and memory at best;
 //! - `fields.rs`: the fused ops, and what they would take at those peaks;
@@ -43,7 +43,7 @@ use report::{Comparison, Report};
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// Measures training against this machine's peaks and against PyTorch.
+/// Measures training against this machine's peaks.
 #[derive(Debug, Parser)]
 #[command(name = "cargo xtask bench")]
 struct Options {
@@ -60,7 +60,7 @@ struct Options {
     #[arg(long, default_value = "cpu", value_name = "NAME")]
     device: String,
     /// Measured steps at the paper's sizes.
-    #[arg(long, default_value_t = 8, value_name = "N")]
+    #[arg(long, default_value_t = 8, value_name = "N", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     steps: usize,
     /// Steps of a preset; 0 leaves them out.
     #[arg(

@@ -60,8 +60,16 @@ pub(crate) fn measure(preset: Preset, steps: u32, device: &str) -> Result<Preset
 }
 
 /// Trains up to `end` and measures all but the first steps. Samples of both fields count.
+///
+/// # Errors
+/// Where only those are left, or a loss is no number.
 fn until(trainer: &mut Trainer, data: &Prepared, end: u32) -> Result<StepFigures> {
     let begin = trainer.step_number();
+    anyhow::ensure!(
+        end > begin + SETTLING,
+        "{} steps of a part of training are too few, as the first {SETTLING} are not measured; raise --default-steps",
+        end - begin
+    );
     let mut marks = Marks::begin(trainer);
     while trainer.step_number() < end {
         if trainer.step_number() == begin + SETTLING {

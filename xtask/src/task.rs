@@ -19,7 +19,7 @@ usage: cargo xtask TASK [ARGUMENTS]
   sos ...         any other command of the sos program
   demo OUT        write the demo scene with its exact ground truth (demo-scene)
   test            run all tests; with --device wgpu just the GPU kernels', none skipped
-  bench           speed of training against this machine's peaks and PyTorch (sos-bench)
+  bench           speed of training against this machine's peaks (sos-bench)
   check           formatting, lints, documentation; licences and spelling where installed
   ci              check, then test: what a change must pass
 

@@ -308,10 +308,10 @@ pub struct ExportArgs {
     #[arg(long, value_name = "DIR")]
     pub scene: Option<PathBuf>,
     /// COCO's run lengths as plain numbers instead of packed text.
-    #[arg(long, requires = "to")]
+    #[arg(long)]
     pub plain_rle: bool,
     /// Frames a second of videos [default: 12].
-    #[arg(long, value_name = "N", requires = "to", value_parser = clap::value_parser!(u32).range(1..=240))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=240))]
     pub fps: Option<u32>,
     /// Replace an earlier export.
     #[arg(long)]
