@@ -78,7 +78,14 @@ impl Progress {
         Self { live, ..self }
     }
 
-    /// Shows the state of training. The first call tells where a resumed run starts.
+    /// Says how many steps are done, where nothing else is known of them yet.
+    pub fn tick(&self, step: u32) {
+        if let Some(meter) = &mut lock(&self.training).meter {
+            meter.tick(u64::from(step));
+        }
+    }
+
+    /// Shows the state of training.
     pub fn update(&self, state: &ProgressState) {
         let mut training = lock(&self.training);
         training.alpha_change = state.alpha_change.or(training.alpha_change);
@@ -88,13 +95,23 @@ impl Progress {
         }
         parts.push(format!("{} samples/s", short(state.samples_per_second)));
         let (done, total) = (u64::from(state.step), u64::from(self.steps));
-        let meter = training.meter.get_or_insert_with(|| {
-            Meter::new(self.mode, "training", done, total, self.live.clone())
-        });
+        let meter = training
+            .meter
+            .get_or_insert_with(|| self.training_meter(done));
         meter.show(done, &parts);
         if done >= total {
             training.meter = None;
         }
+    }
+
+    /// Begins training, or goes on with it at `step`: what is said of its time counts from here.
+    pub fn begin(&self, step: u32) {
+        lock(&self.training).meter = Some(self.training_meter(u64::from(step)));
+    }
+
+    fn training_meter(&self, done: u64) -> Meter {
+        let total = u64::from(self.steps);
+        Meter::new(self.mode, "training", done, total, self.live.clone())
     }
 
     /// Says something without disturbing the bar; nothing if quiet.
@@ -218,6 +235,19 @@ impl Meter {
                     self.last_line = Some(Instant::now());
                     let count = format!("{} {done}/{}", self.label, self.total);
                     line(&[&[count.as_str()], parts.as_slice()].concat().join(", "));
+                }
+            }
+        }
+    }
+
+    /// The same in a line where the last one is long ago; what a bar says beside its position stays.
+    fn tick(&mut self, done: u64) {
+        match self.mode {
+            Mode::Silent => {}
+            Mode::Bar => self.bar.set_position(done),
+            Mode::Lines => {
+                if self.last_line.unwrap_or(self.begun).elapsed() >= LINE_EVERY {
+                    self.show(done, &[]);
                 }
             }
         }

@@ -116,6 +116,11 @@ impl Place {
                 Path::new("runs").join(format!("{}-ablation", name.to_string_lossy()))
             }
         };
+        let is_row = |path: &Path| {
+            let name = path.file_name().and_then(|name| name.to_str());
+            path.is_dir() && name.is_some_and(|name| Trial::of_folder(name).is_some())
+        };
+        kept_run::check_place(&out, is_row)?;
         Ok(Self { masks, gt, out })
     }
 

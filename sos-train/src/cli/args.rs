@@ -345,7 +345,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "SCENE")]
     pub views: Option<PathBuf>,
     /// Longer side of the pictures in pixels.
-    #[arg(long, value_name = "PIXELS", default_value_t = FRAME_SIZE, value_parser = clap::value_parser!(u32).range(16..=8192))]
+    #[arg(long, value_name = "PIXELS", conflicts_with = "views", default_value_t = FRAME_SIZE, value_parser = clap::value_parser!(u32).range(16..=8192))]
     pub size: u32,
     /// Frames a second of videos.
     #[arg(long, value_name = "N", default_value_t = FRAME_RATE, value_parser = clap::value_parser!(u32).range(1..=240))]

@@ -1,12 +1,13 @@
 //! `sos eval` and `sos report`.
 
 use super::answer::Voice;
-use super::{CompareArgs, EvalArgs, ReportArgs};
+use super::{CompareArgs, EvalArgs, ReportArgs, program};
 use crate::audit::{Metrics, audit};
 use crate::error::InputError;
 use crate::report::{ReportInputs, comparison_page, write_report};
 use crate::run_folder::{RunFolder, write_whole};
-use serde_json::json;
+use scene_export::quoted;
+use serde_json::{Map, Value, json};
 use sos_eval::{Contender, compare_contenders, true_mattes};
 use std::io::Write as _;
 use std::path::Path;
@@ -27,7 +28,7 @@ pub(super) fn eval(args: &EvalArgs) -> anyhow::Result<()> {
         if run.report_path().is_file() {
             // The scores are there all the same if, say, the photos have moved.
             match make_report(&run, Some(&args.gt)) {
-                Ok(()) => {}
+                Ok(_) => {}
                 Err(error) => {
                     let text = crate::error::sentence(&error);
                     let _ = writeln!(
@@ -57,6 +58,9 @@ pub(super) fn compare(args: &CompareArgs) -> anyhow::Result<()> {
             return Err(InputError::new(&contender.dir, wrong, remedy).into());
         }
     }
+    for contender in &contenders {
+        refuse_without_mattes(&contender.dir)?;
+    }
     let comparison = compare_contenders(&contenders, &args.gt)?;
     // First: a command that fails has no answer.
     if let Some(path) = &args.page {
@@ -73,15 +77,44 @@ pub(super) fn report(args: &ReportArgs) -> anyhow::Result<()> {
         let remedy = "give the folder of the reference mattes, or leave --gt out";
         return Err(InputError::new(gt, "there is no such folder", remedy).into());
     }
-    make_report(&run, args.gt.as_deref())?;
+    if let Some(unfinished) = make_report(&run, args.gt.as_deref())? {
+        let _ = writeln!(std::io::stderr(), "{unfinished}");
+    }
     let path = run.report_path();
     let sentence = path.display().to_string();
     Voice::of(args.json, false).answer(&json!({ "report": path }), &sentence)
 }
 
-/// Audits a run and makes its report; the audit goes into `metrics.json`.
-pub(super) fn make_report(run: &RunFolder, gt: Option<&Path>) -> anyhow::Result<()> {
+/// An error for a run that has drawn no mattes yet: it would count as a folder of masks.
+fn refuse_without_mattes(dir: &Path) -> Result<(), InputError> {
+    let run = RunFolder::open_existing(dir).ok();
+    if run.is_none_or(|run| run.alpha_dir().is_dir()) {
+        return Ok(());
+    }
+    Err(InputError::new(
+        dir,
+        "this run has drawn no mattes yet",
+        format!(
+            "let it come to its end: {} train --resume --out {}",
+            program(),
+            quoted(dir)
+        ),
+    ))
+}
+
+/// Audits a run and makes its report; the audit goes into `metrics.json`. What is said of a run that has not come to
+/// its end is on the page, too.
+pub(super) fn make_report(run: &RunFolder, gt: Option<&Path>) -> anyhow::Result<Option<String>> {
     let mut inputs = ReportInputs::gather(run)?;
+    let is_end = |line: &Map<String, Value>| line.get("event").is_some_and(|event| event == "end");
+    let unfinished = (!inputs.log.iter().any(is_end)).then(|| {
+        format!(
+            "the run has not come to its end, and pictures may be missing; have it go on with: {} train --resume --out {}",
+            program(),
+            quoted(run.root())
+        )
+    });
+    inputs.notes.splice(0..0, unfinished.clone());
     inputs.audit = Some(audit(run, &inputs.scene, inputs.masks.as_ref())?);
     Metrics {
         scores: inputs.metrics.clone(),
@@ -91,5 +124,6 @@ pub(super) fn make_report(run: &RunFolder, gt: Option<&Path>) -> anyhow::Result<
     if let Some(gt) = gt {
         inputs.reference = Some(true_mattes(gt));
     }
-    Ok(write_report(run, &inputs)?)
+    write_report(run, &inputs)?;
+    Ok(unfinished)
 }

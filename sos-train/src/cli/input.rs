@@ -2,7 +2,10 @@
 
 use super::TrainArgs;
 use super::answer::Voice;
-use super::resumed::{Resumed, at_home, explain, going_on, is_own_scene, other_version, photos_of};
+use super::resumed::{
+    Resumed, at_home, check_steps, explain, going_on, is_own_scene, other_version, photos_of,
+    still_there,
+};
 use crate::config::{InputRecord, MaskPolarity, RunRecord, TrainConfig};
 use crate::device::built_in;
 use crate::discover::hint::{Click, WorldBox};
@@ -122,15 +125,7 @@ impl Plan {
             // Its record would say that it had fewer.
             let run = RunFolder::open_existing(&out)?;
             let step = step_of(&run).map_err(|error| explain(&run, error))?;
-            if config.steps < step {
-                let wrong = format!(
-                    "this run is at step {step} already, and --steps is {}",
-                    config.steps
-                );
-                let remedy =
-                    "leave --steps out to have its results drawn again, or give more to train on";
-                return Err(InputError::new(&out, wrong, remedy).into());
-            }
+            check_steps(config.steps, step, args.settings.steps.is_some(), &out)?;
             keep_carving(&mut config, &record.config, step);
             let record = text.clone();
             resumed = Some(Resumed { record, step });
@@ -149,6 +144,9 @@ impl Plan {
             None => out.join("config.toml"),
         };
         let recorded = recorded.map(|input| at_home(input, &file, &out));
+        if let (true, Some(input)) = (args.resume, &recorded) {
+            still_there(input, &out)?;
+        }
         // A run that goes on does so with what its record says.
         let is_known = args.resume && recorded.is_some();
         let stated = args.scene.as_ref().filter(|_| !is_known);

@@ -1,12 +1,13 @@
 //! Runs that a table is made of: one that is there is kept, one that was stopped goes on, one that fails is said.
 
-use super::input::{NO_MASKS, Plan, read_record};
+use super::input::{NO_MASKS, Plan, check_free, read_record};
 use super::train::train_run;
 use super::{SettingArgs, TrainArgs, complain};
 use crate::config::{InputRecord, Preset};
 use crate::error::{EXIT_OK, InputError, sentence};
 use crate::run_folder::RunFolder;
 use scene_export::quoted;
+use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -14,6 +15,15 @@ use std::path::{Path, PathBuf};
 pub(super) fn rough_masks_beside(scene: &Path) -> Option<PathBuf> {
     let folders = ["masks", "coarse_masks"].map(|name| scene.join(name));
     folders.into_iter().find(|dir| dir.is_dir())
+}
+
+/// An error where a table is to go into a folder that holds something, of which nothing `belongs` to such a table.
+pub(super) fn check_place(out: &Path, belongs: impl Fn(&Path) -> bool) -> Result<(), InputError> {
+    let mut entries = fs::read_dir(out).into_iter().flatten().flatten();
+    if entries.any(|entry| belongs(&entry.path())) {
+        return Ok(());
+    }
+    check_free(out)
 }
 
 /// How far a run has come.

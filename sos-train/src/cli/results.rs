@@ -27,6 +27,14 @@ pub(super) fn results(args: &ResultsArgs) -> anyhow::Result<u8> {
         .out
         .clone()
         .unwrap_or_else(|| Path::new("runs").join("results"));
+    let is_place = |path: &Path| {
+        let starts = Start::every().map(|start| start.name());
+        // The demo's own scene is made before its first run.
+        starts
+            .chain(["scene".to_owned()])
+            .any(|name| path.join(name).is_dir())
+    };
+    kept_run::check_place(&out, is_place)?;
     let places = Place::all(args, &out)?;
     let cases = Case::all(args, &places, &out)?;
     let seeds = seeds(args)?;

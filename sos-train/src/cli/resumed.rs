@@ -1,12 +1,14 @@
 //! A run that goes on: whether it is the one that was meant, and of this version.
 
 use super::input::Plan;
+use super::program;
 use crate::config::{InputRecord, RunRecord, Versions};
 use crate::error::InputError;
 use crate::prepare::error::PrepareError;
 use crate::run_folder::RunFolder;
 use crate::train::checkpoint::step_of;
 use io_colmap::Model;
+use scene_export::quoted;
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -49,6 +51,45 @@ pub(super) fn going_on(
         out,
         format!("it is a run of {made_from}, not of {}", stated.display()),
         "leave SCENE out to go on with it, or choose another folder with --out",
+    ))
+}
+
+/// An error where a run at `step` has done more than the `steps` that it is to have, by the command line if they are
+/// `stated` there, else by its record.
+pub(super) fn check_steps(
+    steps: u32,
+    step: u32,
+    stated: bool,
+    out: &Path,
+) -> Result<(), InputError> {
+    if steps >= step {
+        return Ok(());
+    }
+    let by = if stated {
+        "--steps is"
+    } else {
+        "its config.toml has steps ="
+    };
+    Err(InputError::new(
+        out,
+        format!("this run is at step {step} already, and {by} {steps}"),
+        format!("say --steps {step} to have its results drawn again, or give more to train on"),
+    ))
+}
+
+/// An error where what a run was made from has gone.
+pub(super) fn still_there(input: &InputRecord, out: &Path) -> Result<(), InputError> {
+    if input.demo || input.scene.exists() {
+        return Ok(());
+    }
+    Err(InputError::new(
+        &input.scene,
+        "the scene of this run is not there",
+        format!(
+            "put it back, or say where it is now: {} train SCENE --resume --out {}",
+            program(),
+            quoted(out)
+        ),
     ))
 }
 
@@ -241,6 +282,27 @@ mod tests {
         assert!(going_on(imported.clone(), &dog, &out).is_err());
         assert!(going_on(imported.clone(), &gone, &out).is_ok());
         assert!(going_on(imported, &out.join("scene"), &out).is_ok());
+    }
+
+    #[test]
+    fn a_run_says_what_keeps_it_from_going_on() {
+        let out = Path::new("runs/cat");
+        assert!(check_steps(40, 40, false, out).is_ok());
+        for (stated, says) in [(true, "--steps is 3"), (false, "config.toml has steps = 3")] {
+            let said = check_steps(3, 40, stated, out).unwrap_err().to_string();
+            assert!(
+                said.contains(says) && said.contains("say --steps 40"),
+                "{said}"
+            );
+        }
+        let dir = tempfile::tempdir().unwrap();
+        assert!(still_there(&input(dir.path()), out).is_ok());
+        let gone = input(&dir.path().join("gone"));
+        let said = still_there(&gone, out).unwrap_err().to_string();
+        assert!(
+            said.ends_with("train SCENE --resume --out runs/cat"),
+            "{said}"
+        );
     }
 
     #[test]

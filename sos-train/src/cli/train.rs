@@ -424,5 +424,6 @@ fn finish(run: &RunFolder, demo: bool, screen: &Progress) -> anyhow::Result<()> 
         };
         metrics.write(run)?;
     }
-    evaluate::make_report(run, None)
+    evaluate::make_report(run, None)?;
+    Ok(())
 }

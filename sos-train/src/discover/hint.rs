@@ -261,7 +261,13 @@ impl Hint {
         };
         match self {
             Self::Nothing => parts.most_central().ok_or_else(nothing),
-            Self::Box(_) => parts.all_large().ok_or_else(nothing),
+            Self::Box(_) => parts.all_large().ok_or_else(|| {
+                PrepareError::Scene(
+                    "no surface was found in the box of --box; check that it is in the scene's own units, where sos \
+                     doctor SCENE --html shows cameras and points, or make it larger"
+                        .to_owned(),
+                )
+            }),
             Self::Click(click) => {
                 let clicked = self.clicked(&data.views)?;
                 clicked

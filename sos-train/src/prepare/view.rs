@@ -15,6 +15,8 @@ use super::pixels::{Photo, PixelStore};
 
 /// How photos are made smaller. A tent as wide as two of the new pixels: what is finer does not come back as a pattern.
 const SMALLER: FilterType = FilterType::Triangle;
+/// Ignore pictures that hide a larger share of all photos are the wrong way round: what walks by does not.
+const MOST_IGNORED: f64 = 0.95;
 
 /// A lens, as the renderer asks for it.
 #[derive(Clone, Debug)]
@@ -226,16 +228,29 @@ pub fn load_views(scene: &Scene, masks: Option<&MaskSet>) -> Result<Vec<TrainVie
 /// # Errors
 /// When a picture can't be read or has another shape than its photo, or there is no room for it.
 pub fn load_ignored(views: &mut [TrainView], ignored: &MaskSet) -> Result<(), PrepareError> {
-    let views = views.par_iter_mut().enumerate();
-    views
-        .map(|(i, view)| {
-            let ignored = ignored.load(i, view.width(), view.height())?;
-            view.ignored = ignored
-                .map(|ignored| Mask::of_not_black(&ignored, &view.store))
-                .transpose()?;
-            Ok(())
-        })
-        .collect()
+    let loaded = views.par_iter_mut().enumerate().map(|(i, view)| {
+        let ignored = ignored.load(i, view.width(), view.height())?;
+        view.ignored = ignored
+            .map(|ignored| Mask::of_not_black(&ignored, &view.store))
+            .transpose()?;
+        Ok(())
+    });
+    loaded.collect::<Result<(), PrepareError>>()?;
+    let hidden = views.iter().filter_map(|view| view.ignored.as_ref());
+    let hidden: u64 = hidden.map(|mask| mask.area() as u64).sum();
+    let all = views.iter();
+    let all: u64 = all
+        .map(|view| u64::from(view.width()) * u64::from(view.height()))
+        .sum();
+    let share = hidden as f64 / all.max(1) as f64;
+    if share > MOST_IGNORED {
+        return Err(PrepareError::Scene(format!(
+            "the ignore pictures hide {:.0} % of the photos, and what is not black in them is not learned from; invert \
+             them if black is what is to be left out, or leave them away",
+            100.0 * share
+        )));
+    }
+    Ok(())
 }
 
 /// Matches the pictures in `dir` to the scene's photos; what is not black in them is not to be learned

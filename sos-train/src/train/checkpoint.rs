@@ -118,7 +118,23 @@ impl Trainer {
         let target = run.checkpoint_dir();
         let fresh = target.with_extension("new");
         let _ = fs::remove_dir_all(&fresh);
-        fs::create_dir_all(&fresh).map_err(|e| unwritable(&fresh, &e))?;
+        self.write_into(&fresh, seconds).inspect_err(|_| {
+            // Half of a checkpoint is of no use, and takes the room that the rest of the run needs to go on.
+            let _ = fs::remove_dir_all(&fresh);
+        })?;
+        let old = target.with_extension("old");
+        let _ = fs::remove_dir_all(&old);
+        if target.exists() {
+            fs::rename(&target, &old).map_err(|e| unwritable(&target, &e))?;
+        }
+        fs::rename(&fresh, &target).map_err(|e| unwritable(&target, &e))?;
+        let _ = fs::remove_dir_all(&old);
+        Ok(())
+    }
+
+    /// Writes the files of a checkpoint into a new folder, and has the system write them to the disk.
+    fn write_into(&self, fresh: &Path, seconds: f64) -> anyhow::Result<()> {
+        fs::create_dir_all(fresh).map_err(|e| unwritable(fresh, &e))?;
         let failed = |path: &Path, e: &dyn std::fmt::Display| unwritable(path, e);
         let path = |name: &str| fresh.join(name);
         self.scene
@@ -171,15 +187,7 @@ impl Trainer {
         let text = serde_json::to_vec_pretty(&numbers)?;
         fs::write(path(NUMBERS), text).map_err(|e| unwritable(&path(NUMBERS), &e))?;
         // What took the old one's place without being on the disk yet would be lost with it.
-        sync_folder(&fresh)?;
-        let old = target.with_extension("old");
-        let _ = fs::remove_dir_all(&old);
-        if target.exists() {
-            fs::rename(&target, &old).map_err(|e| unwritable(&target, &e))?;
-        }
-        fs::rename(&fresh, &target).map_err(|e| unwritable(&target, &e))?;
-        let _ = fs::remove_dir_all(&old);
-        Ok(())
+        Ok(sync_folder(fresh)?)
     }
 
     /// Goes back to the run's checkpoint; returns the seconds trained until then.
@@ -215,9 +223,10 @@ impl Trainer {
                 numbers.background_adam_step,
             )
             .map_err(|e| unusable(path(MOMENTS[1]), &e))?;
-        let misfit = |what: &str| PrepareError::Checkpoint {
-            path: folder.clone(),
-            what: format!("its {what} has another resolution"),
+        let misfit = |name: &str| PrepareError::Checkpoint {
+            path: path(name),
+            what: "it has more or fewer values than this model; it is damaged, or of another one"
+                .to_owned(),
         };
         if numbers.hash != self.config().model.hash {
             return Err(PrepareError::Checkpoint {
@@ -228,15 +237,15 @@ impl Trainer {
         }
         let resolution = self.map.resolution();
         let [object, total] = [read_floats(&path(VOTES[0]))?, read_floats(&path(VOTES[1]))?];
-        self.votes = SurfaceVotes::from_values(resolution, object, total)
-            .ok_or_else(|| misfit("record of votes"))?;
+        self.votes =
+            SurfaceVotes::from_values(resolution, object, total).ok_or_else(|| misfit(VOTES[0]))?;
         let views = self.agreement.views();
         let agreement = read_floats(&path(AGREEMENT))?;
         self.agreement =
-            Agreement::from_values(views, &agreement).ok_or_else(|| misfit("record of masks"))?;
+            Agreement::from_values(views, &agreement).ok_or_else(|| misfit(AGREEMENT))?;
         let map = read_floats(&path(MAP))?;
         if map.len() != resolution.pow(3) {
-            return Err(misfit("probability map").into());
+            return Err(misfit(MAP).into());
         }
         self.follow(ProbabilityMap::new(resolution, map));
         Arc::make_mut(&mut self.grids)
@@ -284,7 +293,7 @@ impl Trainer {
 
 fn unwritable(path: &Path, error: &dyn std::fmt::Display) -> PrepareError {
     PrepareError::Scene(format!(
-        "{}: the checkpoint could not be written ({error}); make room or choose another --out",
+        "{}: the checkpoint could not be written ({error}); make room and go on with --resume, or choose another --out",
         path.display()
     ))
 }

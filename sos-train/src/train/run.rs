@@ -299,6 +299,9 @@ fn train(
     // Time in which the run was paused.
     let mut paused = Duration::ZERO;
     let elapsed = |paused: Duration| earlier_seconds + (started.elapsed() - paused).as_secs_f64();
+    if trainer.step_number() < config.steps {
+        progress.begin(trainer.step_number());
+    }
     while trainer.step_number() < config.steps {
         let faults = match trainer.correct_masks(data) {
             Ok(faults) => faults,
@@ -345,6 +348,7 @@ fn train(
         samples += report.object_samples + report.background_samples;
         mse += report.losses.mse;
         steps += 1;
+        progress.tick(step);
         let mut finish = false;
         if let Some(live) = &job.live {
             let (waited, wish) = attend(live, trainer, data);

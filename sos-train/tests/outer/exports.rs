@@ -12,6 +12,7 @@ use sos_train::run_folder::{Existing, RunFolder};
 use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::Path;
+use std::process::Command;
 
 fn run(dir: &Path) -> RunFolder {
     RunFolder::create(&dir.join("run"), Existing::Keep).unwrap()
@@ -236,4 +237,21 @@ fn a_run_of_the_truth_scores_as_the_truth() {
     assert!(report.mean.iou > 0.9999, "{report}");
     assert!(report.start.unwrap().iou < 0.9);
     assert!(report.mesh.unwrap().relative.chamfer < 0.01);
+}
+
+#[test]
+fn options_of_other_targets_are_refused() {
+    for (options, says) in [
+        (&["--to", "glb", "--fps", "3"][..], "only videos"),
+        (&["--masks-for", "neus", "--fps", "3"], "only videos"),
+        (&["--to", "glb", "--plain-rle"], "only COCO"),
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_sos"))
+            .args([&["export", "nowhere"], options].concat())
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains(says), "{said}");
+    }
 }

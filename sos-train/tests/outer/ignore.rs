@@ -59,3 +59,37 @@ fn what_is_ignored_is_said_recorded_and_left_out_of_plates() {
         beside("scene/images/003.png")
     );
 }
+
+#[test]
+fn pictures_that_hide_everything_are_the_wrong_way_round() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = dir.path().join("scene");
+    crate::fabricated::SCENE.write(&scene).unwrap();
+    fs::create_dir(scene.join("ignore")).unwrap();
+    for photo in fs::read_dir(scene.join("images")).unwrap().flatten() {
+        let white = GrayImage::from_pixel(96, 72, Luma([255]));
+        white
+            .save(scene.join("ignore").join(photo.file_name()))
+            .unwrap();
+    }
+    for command in [
+        &["doctor", "scene"][..],
+        &[
+            "train",
+            "scene",
+            "--masks",
+            "scene/coarse_masks",
+            "--out",
+            "run",
+        ],
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_sos"))
+            .args(command)
+            .current_dir(dir.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("hide 100 % of the photos"), "{said}");
+    }
+}

@@ -3,6 +3,7 @@
 use crate::fabricated;
 use sos_train::report::{ReportError, ReportInputs, write_report};
 use std::fs;
+use std::process::Command;
 
 #[test]
 fn every_view_is_there_and_nothing_comes_from_outside() {
@@ -127,4 +128,40 @@ fn a_damaged_result_is_named() {
     assert!(matches!(error, ReportError::Picture { .. }));
     assert!(error.to_string().contains("003.png"), "{error}");
     assert!(!run.report_path().exists());
+}
+
+#[test]
+fn a_run_that_has_not_come_to_its_end_is_called_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let (_, run) = fabricated::run(dir.path(), false);
+    let sos = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_sos"))
+            .args(arguments)
+            .current_dir(dir.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        (output.status.code(), said)
+    };
+    let unfinished = "the run has not come to its end";
+    let page = || fs::read_to_string(run.report_path()).unwrap();
+    assert_eq!(sos(&["report", "run"]), (Some(0), String::new()));
+    assert!(!page().contains(unfinished));
+
+    let log = fs::read_to_string(run.log_path()).unwrap();
+    let lines: Vec<&str> = log
+        .lines()
+        .filter(|line| !line.contains("\"end\""))
+        .collect();
+    fs::write(run.log_path(), lines.join("\n") + "\n").unwrap();
+    let (code, said) = sos(&["report", "run"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.starts_with(unfinished), "{said}");
+    assert!(page().contains(unfinished));
+
+    fs::remove_dir_all(run.alpha_dir()).unwrap();
+    let scene = dir.path().join("cat & <dog>");
+    let (code, said) = sos(&["compare", "run", "--gt", scene.to_str().unwrap()]);
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("this run has drawn no mattes yet"), "{said}");
 }
