@@ -1,6 +1,7 @@
 //! The object alone as a COLMAP scene: cut-outs as RGBA photos, and the model with the points that lie
 //! on it. Brush and nerfstudio train on that as it is: alpha is part of what they fit.
 
+use crate::brush_names;
 use crate::draft::Draft;
 use crate::error::ExportError;
 use crate::mesh::Mesh;
@@ -11,7 +12,6 @@ use image::{ColorType, ImageDecoder as _, ImageReader};
 use io_colmap::{Model, Scene, SparsePoint};
 use rayon::prelude::*;
 use std::collections::HashMap;
-use std::fs;
 
 /// With fewer sparse points on the object than this, points of the mesh are better to start from.
 const ENOUGH_POINTS: usize = 100;
@@ -35,7 +35,8 @@ pub(crate) fn write(
         .par_iter()
         .try_for_each(|posed| copy_cutout(run, *posed, draft))?;
 
-    let mut model = renamed(&scene.model, posed, &photo_names(posed));
+    let names = photo_names(posed);
+    let mut model = renamed(&scene.model, posed, &names);
     let all = model.points.len();
     model.points = on_object(&scene.model, posed, &silhouettes);
     let kept = model.points.len();
@@ -56,8 +57,15 @@ pub(crate) fn write(
             )),
         }
     }
-    // COLMAP numbers points from 1.
-    model.write_binary(&draft.path().join("sparse/0"))?;
+    // Others than Brush read such names well.
+    if let Some(mixed) = brush_names::mixed(&names, false) {
+        notes.push(format!(
+            "for Brush, rename {:?} in the images and the model: {}",
+            names[mixed.photo()],
+            mixed.what(&names)
+        ));
+    }
+    draft.write_model(&model, "sparse/0")?;
     Ok(posed.len())
 }
 
@@ -83,9 +91,7 @@ fn copy_cutout(run: &Run, posed: Posed<'_>, draft: &Draft) -> Result<(), ExportE
     }
     let camera = (posed.camera.width, posed.camera.height);
     run.check_size(&from, decoder.dimensions(), camera)?;
-    let to = draft.place(&format!("images/{}.png", posed.key))?;
-    fs::copy(&from, &to).map_err(|e| ExportError::io("copy", &from, e))?;
-    Ok(())
+    draft.copy(&from, &format!("images/{}.png", posed.key))
 }
 
 /// The points whose projections lie on the object in more than half of the views that saw them, or,

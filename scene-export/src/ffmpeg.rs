@@ -11,6 +11,8 @@ const REMEDY: &str = "install ffmpeg (apt install ffmpeg, brew install ffmpeg, w
 /// When it is there and fails: its reason, which stands before this, is in its own words.
 const FAILED: &str =
     "that is ffmpeg's own reason; if the disk is full make room, else do without the videos";
+/// When it is there and cannot even say what it can do.
+const BROKEN: &str = "that is its own reason; install ffmpeg anew, or do without the videos";
 /// A failure's reason is cut there.
 const LONGEST_REASON: usize = 300;
 
@@ -102,6 +104,13 @@ impl Ffmpeg {
                 },
                 remedy: REMEDY,
             })?;
+        if !output.status.success() {
+            return Err(ExportError::Program {
+                program: program.to_path_buf(),
+                what: last_words(&String::from_utf8_lossy(&output.stderr)),
+                remedy: BROKEN,
+            });
+        }
         // " V..... libx264    H.264 / AVC …", below a legend.
         let encoders = String::from_utf8_lossy(&output.stdout)
             .lines()
@@ -193,6 +202,12 @@ impl Ffmpeg {
         })
     }
 
+    /// That it can write none of the videos that are wanted.
+    pub(crate) fn can_nothing(&self) -> ExportError {
+        let what = "this build has no encoder for any of the videos";
+        self.failed(what.to_owned(), REMEDY)
+    }
+
     fn failed(&self, what: String, remedy: &'static str) -> ExportError {
         ExportError::Program {
             program: self.program.clone(),
@@ -253,10 +268,8 @@ impl Video {
         drop(self.input.take());
         let _ = self.child.wait();
         let said = self.complaints.take().and_then(|read| read.join().ok());
-        let last = said.iter().flat_map(|text| text.lines()).last();
-        let what = last.unwrap_or("it failed without a word");
-        self.ffmpeg
-            .failed(what.chars().take(LONGEST_REASON).collect(), FAILED)
+        let what = last_words(&said.unwrap_or_default());
+        self.ffmpeg.failed(what, FAILED)
     }
 }
 
@@ -266,6 +279,29 @@ impl Drop for Video {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// The last line of what a program said when it failed.
+fn last_words(said: &str) -> String {
+    let last = said.lines().map(str::trim).rfind(|line| !line.is_empty());
+    let what = last.unwrap_or("it failed without a word");
+    what.chars().take(LONGEST_REASON).collect()
+}
+
+/// A program for tests.
+#[cfg(all(test, unix))]
+#[allow(clippy::unwrap_used)]
+pub(crate) fn script(dir: &Path, text: &str) -> PathBuf {
+    let program = dir.join("ffmpeg");
+    let written = dir.join("ffmpeg.sh");
+    std::fs::write(&written, format!("#!/bin/sh\n{text}")).unwrap();
+    // By another process: what is open for writing here, other tests' programs inherit, and it is busy then.
+    let install = Command::new("install")
+        .args(["-m", "755"])
+        .args([&written, &program])
+        .status();
+    assert!(install.unwrap().success());
+    program
 }
 
 #[cfg(test)]
@@ -287,17 +323,9 @@ mod tests {
     #[test]
     fn what_ffmpeg_says_is_the_reason() {
         let dir = tempfile::tempdir().unwrap();
-        let program = dir.path().join("ffmpeg");
-        let script = "#!/bin/sh\ncase \"$*\" in *-encoders*) echo ' V....D libx264  H.264'; exit 0;; esac\n\
-                      echo 'first' >&2; echo 'no space left' >&2; exit 1\n";
-        let written = dir.path().join("ffmpeg.sh");
-        std::fs::write(&written, script).unwrap();
-        // By another process: what is open for writing here, other tests' programs inherit, and it is busy then.
-        let install = Command::new("install")
-            .args(["-m", "755"])
-            .args([&written, &program])
-            .status();
-        assert!(install.unwrap().success());
+        let text = "case \"$*\" in *-encoders*) echo ' V....D libx264  H.264'; exit 0;; esac\n\
+                    echo 'first' >&2; echo 'no space left' >&2; exit 1\n";
+        let program = script(dir.path(), text);
         let ffmpeg = Ffmpeg::at(&program).unwrap();
         assert!(ffmpeg.can(Codec::Mp4Grey) && !ffmpeg.can(Codec::ProRes4444));
         let begin = |codec| ffmpeg.begin(&dir.path().join("a.mp4"), (2, 2), 12, codec);
@@ -312,5 +340,23 @@ mod tests {
             "{error}"
         );
         assert!(!error.contains("install"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn an_ffmpeg_that_is_broken_is_not_one_that_can_nothing() {
+        let dir = tempfile::tempdir().unwrap();
+        let program = script(
+            dir.path(),
+            "echo ' V....D libx264  H.264'; echo 'libx.so.1: cannot open shared object file' >&2; echo >&2; exit 127\n",
+        );
+        let error = Ffmpeg::at(&program).unwrap_err();
+        assert!(matches!(error, ExportError::Program { .. }));
+        let said = error.to_string();
+        assert!(
+            said.contains("ffmpeg: libx.so.1: cannot open shared object file; ")
+                && said.contains("install ffmpeg anew"),
+            "{said}"
+        );
     }
 }

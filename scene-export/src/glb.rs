@@ -5,7 +5,7 @@
 //!   With a fourth component, so that every vertex begins at a multiple of four bytes.
 //! * The material is `KHR_materials_unlit`: the colours are photographed and hold their light already.
 //! * Coordinates are those of the camera poses. Where they are far from the origin, `f32` would round
-//!   them: the node is moved by whole units then, and the vertices back.
+//!   them: the node is moved to the mesh's middle then, as `f32` has it, and the vertices back by exactly that.
 
 use crate::draft::Draft;
 use crate::error::ExportError;
@@ -25,22 +25,42 @@ use std::io::{self, Write as _};
 /// As in `mesh.ply`: coordinates this many times larger than the mesh's extent lose too much as `f32`.
 const FLOAT_IS_ENOUGH: f64 = 1000.0;
 
+/// The container states its length in 32 bits.
+const MOST_BYTES: u64 = u32::MAX as u64;
+
 pub(crate) fn write(mesh: &Mesh, draft: &Draft) -> Result<(), ExportError> {
     let (root, bin) = build(mesh);
-    draft.write("mesh.glb", |out| {
-        let glb = Glb {
-            header: Header {
-                magic: *b"glTF",
-                version: 2,
-                // The writer replaces it with the length after padding.
-                length: 0,
-            },
-            json: Cow::Owned(root.to_vec().map_err(io::Error::other)?),
-            bin: Some(Cow::Owned(bin)),
-        };
-        // A container of more than 4 GiB is refused in there.
-        let bytes = glb.to_vec().map_err(io::Error::other)?;
-        out.write_all(&bytes)
+    let place = draft.goal("mesh.glb");
+    let failed = |error| ExportError::io("write", &place, io::Error::other(error));
+    let json = root.to_vec().map_err(failed)?;
+    let glb = container(json, bin, MOST_BYTES).map_err(|length| {
+        let what = format!(
+            "it would have {length} bytes, and a glTF container holds at most {MOST_BYTES}"
+        );
+        let remedy = "take --to obj, or have the run write a coarser mesh (export.mesh_resolution)";
+        ExportError::bad(&place, what, remedy)
+    })?;
+    let bytes = glb.to_vec().map_err(io::Error::other);
+    draft.write("mesh.glb", |out| out.write_all(&bytes?))
+}
+
+/// The file, unless its bytes are more than `most`: then the error is how many.
+fn container(json: Vec<u8>, bin: Vec<u8>, most: u64) -> Result<Glb<'static>, u64> {
+    // A header of twelve bytes, and two chunks with eight each that end at multiples of four.
+    let chunk = |bytes: &[u8]| 8 + (bytes.len() as u64).next_multiple_of(4);
+    let length = 12 + chunk(&json) + chunk(&bin);
+    if length > most {
+        return Err(length);
+    }
+    Ok(Glb {
+        header: Header {
+            magic: *b"glTF",
+            version: 2,
+            // The writer replaces it with the length after padding, of which it takes the lower 32 bits.
+            length: 0,
+        },
+        json: Cow::Owned(json),
+        bin: Some(Cow::Owned(bin)),
     })
 }
 
@@ -139,14 +159,13 @@ fn build(mesh: &Mesh) -> (Root, Vec<u8>) {
     (root, bin)
 }
 
-/// Zero, or the mesh's middle in whole units where `f32` cannot hold the coordinates themselves.
+/// Zero, or the mesh's middle where `f32` cannot hold the coordinates themselves; exact as `f32`.
 fn shift(mesh: &Mesh) -> DVec3 {
     let (low, high) = mesh.bounds();
     let extent = (high - low).max_element();
     let farthest = low.abs().max(high.abs()).max_element();
     if farthest > FLOAT_IS_ENOUGH * extent {
-        // Whole units up to 16 million are exact as f32.
-        ((low + high) / 2.0).round()
+        ((low + high) / 2.0).as_vec3().as_dvec3()
     } else {
         DVec3::ZERO
     }
@@ -242,5 +261,22 @@ impl Parts {
             normalized: component == ComponentType::U16,
             sparse: None,
         })
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_container_cannot_hold_is_not_written() {
+        for (json, bin) in [(8, 12), (7, 9)] {
+            let glb = |most| container(vec![b' '; json], vec![0; bin], most);
+            // Header, two chunks' headers, and the chunks themselves.
+            let length = 12 + 8 + 8 + 8 + 12;
+            assert_eq!(glb(length).unwrap().to_vec().unwrap().len() as u64, length);
+            assert_eq!(glb(length - 1).err(), Some(length));
+        }
     }
 }

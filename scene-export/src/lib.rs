@@ -9,10 +9,10 @@
 //!   NeuS, SPIn-NeRF.
 //!
 //! Each format is one file of this crate, which begins with what the format means. The folder appears
-//! when it is complete, with an `export.txt` that repeats what was decided; only a folder that has one
-//! is ever replaced. The run's own files are not touched. Files are treated as hostile: damage gives an
-//! error with file and remedy. Decisions a user should see are left as sentences in
-//! [`Written::notes`]; printing is the caller's part.
+//! when it is complete, with an `export.txt` that repeats what was decided and lists the files; only a
+//! folder that has one, and in which there is nothing else, is ever replaced. The run's own files are
+//! not touched. Files are treated as hostile: damage gives an error with file and remedy. Decisions a user
+//! should see are left as sentences in [`Written::notes`]; printing is the caller's part.
 //!
 //! ```no_run
 //! use scene_export::{Options, Product, Target, export};
@@ -25,6 +25,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod brush_names;
 mod coco;
 mod colmap_scene;
 mod draft;
@@ -39,20 +40,24 @@ mod neus_cameras;
 mod obj;
 mod photos;
 mod picture;
+mod pinhole;
 mod product;
+mod record;
 mod run;
 mod run_lengths;
+mod spin_nerf;
 mod transforms;
 mod video;
 
 pub use coco::RunLengths;
-pub use draft::{Draft, RECORD};
+pub use draft::Draft;
 pub use draft_folder::Existing;
 pub use error::{ExportError, UnknownWord};
 pub use ffmpeg::{Codec, Ffmpeg, Video};
 pub use mesh::Mesh;
 pub use picture::{Kind, Picture, encoding_error};
 pub use product::{MaskTool, Product, Target};
+pub use record::RECORD;
 pub use run::{CAMERAS, key_of, quoted};
 
 use run::Run;
@@ -136,7 +141,7 @@ pub fn export(
             video::write(&run, rate, &draft, &mut notes)?
         }
         Product::Files(Target::Coco) => {
-            let scene = run.scene(options.scene.as_deref())?;
+            let scene = run.scene(options.scene.as_deref(), &mut notes)?;
             let posed = run.posed(&scene)?;
             let count = coco::write(&run, &posed, options.run_lengths, &draft)?;
             if count < posed.len() {
@@ -148,12 +153,12 @@ pub fn export(
             count
         }
         Product::Files(Target::ColmapScene) => {
-            let scene = run.scene(options.scene.as_deref())?;
+            let scene = run.scene(options.scene.as_deref(), &mut notes)?;
             let posed = run.posed(&scene)?;
             colmap_scene::write(&run, &scene, &posed, &draft, &mut notes)?
         }
         Product::Masks(tool) => {
-            let scene = run.scene(options.scene.as_deref())?;
+            let scene = run.scene(options.scene.as_deref(), &mut notes)?;
             let posed = run.posed(&scene)?;
             masks::write(tool, &run, &scene, &posed, &draft, &mut notes)?
         }

@@ -10,8 +10,10 @@
 //! | SPIn-NeRF | `images_1/label/NAME.png` | 1: taken out | 0: stays | photos, `sparse/0` |
 //!
 //! All are 8-bit grey, of the photo's size, and hold no values between: these tools threshold
-//! differently. The pages of docs/formats/out say where each convention is written down.
+//! differently. SPIn-NeRF has none of views that do not show the object. The pages of docs/formats/out
+//! say where each convention is written down.
 
+use crate::brush_names;
 use crate::draft::Draft;
 use crate::error::ExportError;
 use crate::mesh::Mesh;
@@ -20,32 +22,40 @@ use crate::photos::{Accepts, Photos};
 use crate::picture::{Kind, Picture};
 use crate::product::MaskTool;
 use crate::run::{Posed, Run};
+use crate::spin_nerf;
 use crate::transforms::{self, Frame};
 use io_colmap::{Scene, without_ending};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Values of a mask, and what a file says about them.
 struct Values {
     object: u8,
     rest: u8,
     remark: &'static str,
+    /// Whether a view that does not show the object has none.
+    only_where_seen: bool,
 }
 
 const KEEP: Values = Values {
     object: 255,
     rest: 0,
     remark: "white: the object; black: to be ignored",
+    only_where_seen: false,
 };
 const IGNORE: Values = Values {
     object: 0,
     rest: 255,
     remark: "white: to be ignored; black: the object",
+    only_where_seen: false,
 };
 const REMOVE: Values = Values {
     object: 1,
     rest: 0,
     remark: "1: the object, to be taken out; 0: what stays",
+    // SPIn-NeRF divides labels by their largest value, and whatever it mixes with the result of 0 / 0 is no number
+    // either. Of a view without a label it knows what to think.
+    only_where_seen: true,
 };
 
 /// Writes what a tool needs to use the run's mattes as masks; returns how many masks.
@@ -62,9 +72,10 @@ pub(crate) fn write(
             let name = |i: usize| format!("masks/{}.png", posed[i].view.name);
             return masks(run, posed, &KEEP, draft, name);
         }
-        MaskTool::Nerfstudio | MaskTool::Brush | MaskTool::SpinNerf => Accepts::Any,
-        MaskTool::InstantNgp => Accepts::PngAndJpeg,
-        MaskTool::Neus => Accepts::Png,
+        MaskTool::Nerfstudio | MaskTool::Brush => Accepts::ANY,
+        MaskTool::InstantNgp => Accepts::PNG_AND_JPEG,
+        MaskTool::Neus => Accepts::PNG,
+        MaskTool::SpinNerf => Accepts::LISTED,
     };
     let photos = Photos::plan(scene, posed, accepts)?;
     let names = &photos.names;
@@ -78,7 +89,6 @@ pub(crate) fn write(
         };
         posed.iter().enumerate().map(frame).collect()
     };
-    let model_path = draft.path().join("sparse/0");
     let count = match tool {
         MaskTool::Colmap => 0,
         MaskTool::Nerfstudio => {
@@ -93,8 +103,9 @@ pub(crate) fn write(
             masks(run, posed, &KEEP, draft, beside)?
         }
         MaskTool::Brush => {
+            brush_names::check(scene, posed, names)?;
             photos.write(draft, "images")?;
-            photos.model().write_binary(&model_path)?;
+            draft.write_model(&photos.model(), "sparse/0")?;
             masks(run, posed, &KEEP, draft, beside)?
         }
         MaskTool::InstantNgp => {
@@ -133,22 +144,26 @@ pub(crate) fn write(
             })?
         }
         MaskTool::SpinNerf => {
-            let labels = spin_nerf_names(scene, names)?;
-            photos.write(draft, "images")?;
-            let pngs = Photos::plan(scene, posed, Accepts::Png)?;
-            pngs.write(draft, "images_1")?;
-            photos.model().write_binary(&model_path)?;
-            notes.push("photos are not scaled down: start SPIn-NeRF with --factor 1".to_owned());
-            masks(run, posed, &REMOVE, draft, |i| {
+            let labels = spin_nerf::labels(scene, names)?;
+            spin_nerf::check_cameras(scene, posed)?;
+            spin_nerf::check_points(scene, posed)?;
+            let count = masks(run, posed, &REMOVE, draft, |i| {
                 format!("images_1/label/{}.png", labels[i])
-            })?
+            })?;
+            notes.push("photos are not scaled down: start SPIn-NeRF with --factor 1".to_owned());
+            notes.extend(spin_nerf::unlabelled(run, count, posed.len())?);
+            photos.write(draft, "images")?;
+            let pngs = Photos::plan(scene, posed, Accepts::LISTED_PNG)?;
+            pngs.write(draft, "images_1")?;
+            draft.write_model(&spin_nerf::numbered(photos.model()), "sparse/0")?;
+            count
         }
     };
-    notes.extend(photos.note());
+    notes.extend(photos.notes());
     Ok(count)
 }
 
-/// Writes every view's mask under a name.
+/// Writes every view's mask under a name; returns how many.
 fn masks(
     run: &Run,
     posed: &[Posed<'_>],
@@ -156,44 +171,22 @@ fn masks(
     draft: &Draft,
     name: impl Fn(usize) -> String + Sync,
 ) -> Result<usize, ExportError> {
+    let count = AtomicUsize::new(0);
     (0..posed.len()).into_par_iter().try_for_each(|i| {
         let matte = run.matte_of(posed[i])?;
+        let bytes = matte.binary(values.object, values.rest);
+        if values.only_where_seen && !bytes.contains(&values.object) {
+            return Ok(());
+        }
+        count.fetch_add(1, Ordering::Relaxed);
         Picture {
             width: matte.width,
             height: matte.height,
             kind: Kind::Grey,
             remark: values.remark,
-            bytes: &matte.binary(values.object, values.rest),
+            bytes: &bytes,
         }
         .write(draft, &name(i))
     })?;
-    Ok(posed.len())
-}
-
-/// Its loader lists one folder, and takes a photo's name up to the first dot for its label's.
-fn spin_nerf_names<'a>(scene: &Scene, names: &'a [String]) -> Result<Vec<&'a str>, ExportError> {
-    let mut taken: BTreeMap<&str, &str> = BTreeMap::new();
-    names
-        .iter()
-        .map(|name| {
-            let label = name.split('.').next().unwrap_or_default();
-            let other = taken.insert(label, name);
-            let what = if name.contains('/') {
-                "the photo is in a sub-folder, and SPIn-NeRF knows none".to_owned()
-            } else if label.is_empty() {
-                "the photo's name begins with a dot, and SPIn-NeRF takes what comes before".to_owned()
-            } else if let Some(other) = other {
-                format!(
-                    "SPIn-NeRF takes photos' names up to the first dot, which is the same for {other:?}"
-                )
-            } else {
-                return Ok(label);
-            };
-            Err(ExportError::bad(
-                &scene.image_dir.join(name),
-                what,
-                "rename it in the photo folder and the model, and make the run again",
-            ))
-        })
-        .collect()
+    Ok(count.into_inner())
 }

@@ -4,9 +4,10 @@
 use crate::draft::Draft;
 use crate::error::ExportError;
 use crate::mesh::Mesh;
+use crate::pinhole;
 use crate::run::Posed;
 use glam::{DMat3, DMat4, DVec3};
-use io_colmap::{CameraModel, Scene};
+use io_colmap::Scene;
 use std::io::{self, Cursor, Write as _};
 use zip::write::SimpleFileOptions;
 
@@ -19,35 +20,7 @@ pub(crate) fn write(
     mesh: &Mesh,
     draft: &Draft,
 ) -> Result<(), ExportError> {
-    let remedy = "undistort the scene with colmap image_undistorter and train on that";
-    let size = |posed: &Posed<'_>| (posed.camera.width, posed.camera.height);
-    for one in posed {
-        let path = scene.image_path(one.view);
-        if !matches!(
-            one.camera.model,
-            CameraModel::SimplePinhole | CameraModel::Pinhole
-        ) {
-            let what = format!(
-                "NeuS knows pinhole cameras only, and this one is {}",
-                one.camera.model
-            );
-            return Err(ExportError::bad(&path, what, remedy));
-        }
-        if size(one) != size(&posed[0]) {
-            let what = format!(
-                "NeuS needs photos of one size, and this is {}x{} but the first {}x{}",
-                size(one).0,
-                size(one).1,
-                size(&posed[0]).0,
-                size(&posed[0]).1
-            );
-            return Err(ExportError::bad(
-                &path,
-                what,
-                "scale the photos to one size",
-            ));
-        }
-    }
+    pinhole::check("NeuS", scene, posed)?;
     let (low, high) = mesh.bounds();
     let centre = (low + high) / 2.0;
     let farthest = mesh

@@ -3,7 +3,7 @@
 use crate::error::ExportError;
 use crate::picture::{Cutout, Matte};
 use image::{DynamicImage, ImageReader};
-use io_colmap::{Camera, Listing, Scene, View};
+use io_colmap::{Camera, ColmapError, Listing, Scene, View, decode_photo};
 use std::collections::BTreeMap;
 use std::fs;
 use std::io;
@@ -202,9 +202,14 @@ impl Run {
         let reader = ImageReader::open(path)
             .and_then(ImageReader::with_guessed_format)
             .map_err(|e| ExportError::io("read", path, e))?;
-        reader
-            .decode()
-            .map_err(|e| self.damaged(path, format!("the picture cannot be read ({e})")))
+        let decoder = reader
+            .into_decoder()
+            .map_err(|e| self.damaged(path, format!("the picture cannot be read ({e})")))?;
+        // As large as photos may be: `image` alone stops at half a gigabyte.
+        decode_photo(path, decoder).map_err(|error| match error {
+            ColmapError::Scene { what, .. } => self.damaged(path, what),
+            other => other.into(),
+        })
     }
 
     /// A file of the run that cannot be used.
@@ -213,10 +218,16 @@ impl Run {
         ExportError::bad(path, what, remedy)
     }
 
-    /// The COLMAP scene that the run was made from, with the poses that the run refined, if it did.
-    pub(crate) fn scene(&self, stated: Option<&Path>) -> Result<Scene, ExportError> {
+    /// The COLMAP scene that the run was made from, with the poses that the run refined, if it did. What was decided
+    /// about the scene moves into `notes`.
+    pub(crate) fn scene(
+        &self,
+        stated: Option<&Path>,
+        notes: &mut Vec<String>,
+    ) -> Result<Scene, ExportError> {
         let mut scene = self.scene_as_given(stated)?;
         scene.take_poses(&self.root.join(CAMERAS))?;
+        notes.append(&mut scene.notes);
         Ok(scene)
     }
 
@@ -369,8 +380,34 @@ fn collect(folder: &Path, prefix: &str, listing: &mut Listing) -> io::Result<()>
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use std::io::Write as _;
+
+    #[test]
+    fn pictures_are_read_back_as_large_as_photos_may_be() {
+        let dir = tempfile::tempdir().unwrap();
+        let root = dir.path();
+        fs::write(root.join("config.toml"), "").unwrap();
+        fs::create_dir(root.join("alpha")).unwrap();
+        // A little more than half a gigabyte, which is where `image` stops unless it is told otherwise.
+        let (width, height) = (1 << 20, 257);
+        let file = fs::File::create(root.join("alpha/vast.png")).unwrap();
+        let mut encoder = png::Encoder::new(file, width, height);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        encoder.set_compression(png::Compression::Fastest);
+        let mut writer = encoder.write_header().unwrap();
+        let mut stream = writer.stream_writer().unwrap();
+        let row = vec![0; 2 * width as usize];
+        for _ in 0..height {
+            stream.write_all(&row).unwrap();
+        }
+        stream.finish().unwrap();
+        writer.finish().unwrap();
+        let matte = Run::open(root).unwrap().matte("vast").unwrap();
+        assert_eq!((matte.width, matte.height), (width, height));
+    }
 
     #[test]
     fn keys_are_those_that_runs_are_written_under() {

@@ -8,6 +8,7 @@
 
 use crate::draft::Draft;
 use crate::error::ExportError;
+use crate::pinhole::UNDISTORT;
 use crate::product::MaskTool;
 use glam::{DMat3, DVec3};
 use io_colmap::{Camera, CameraModel, Pose};
@@ -48,7 +49,7 @@ pub(crate) fn write(
                 "it mixes fisheye and other lenses, for which {} has no words",
                 tool.name()
             ),
-            "undistort the scene with colmap image_undistorter and train on that",
+            UNDISTORT,
         ));
     }
     let model = if fisheye { "OPENCV_FISHEYE" } else { "OPENCV" };
@@ -114,7 +115,7 @@ fn lens(frame: &Frame<'_>, tool: MaskTool, scene: &Path) -> Result<Lens, ExportE
         return Err(ExportError::bad(
             &scene.join(&frame.photo),
             format!("its camera model {model} is none of {}'s", tool.name()),
-            "undistort the scene with colmap image_undistorter and train on that",
+            UNDISTORT,
         ));
     };
     let ((fx, fy), (cx, cy)) = (camera.focal(), camera.principal_point());

@@ -17,6 +17,13 @@ use crate::run::Run;
 
 /// Frames a second, unless stated.
 pub(crate) const RATE: u32 = 12;
+/// Names and codecs.
+const VIDEOS: [(&str, Codec); 4] = [
+    ("alpha.mp4", Codec::Mp4Grey),
+    ("foreground.mov", Codec::ProRes4444),
+    ("foreground.webm", Codec::WebmAlpha),
+    ("background.mp4", Codec::Mp4Colour),
+];
 /// How far the object's colours reach beyond its matte, in pixels: codecs mix the colours of neighbours.
 const BLEED: usize = 4;
 
@@ -34,22 +41,8 @@ pub(crate) fn write(
         size = (size.0.max(matte.width), size.1.max(matte.height));
     }
     let size = (size.0.next_multiple_of(2), size.1.next_multiple_of(2));
-    let mut begin = |name: &str, codec: Codec| -> Result<Option<Video>, ExportError> {
-        if ffmpeg.can(codec) {
-            return Ok(Some(ffmpeg.begin(
-                &draft.place(name)?,
-                size,
-                rate,
-                codec,
-            )?));
-        }
-        notes.push(format!("no {name}: this ffmpeg has no encoder for it"));
-        Ok(None)
-    };
-    let mut alpha = begin("alpha.mp4", Codec::Mp4Grey)?;
-    let mut editors = begin("foreground.mov", Codec::ProRes4444)?;
-    let mut browsers = begin("foreground.webm", Codec::WebmAlpha)?;
-    let mut background = begin("background.mp4", Codec::Mp4Colour)?;
+    let [mut alpha, mut editors, mut browsers, mut background] =
+        begin(&ffmpeg, size, rate, draft, notes)?;
     for key in &run.keys {
         let mut cutout = run.cutout(key)?;
         let own = (cutout.alpha.width, cutout.alpha.height);
@@ -89,6 +82,28 @@ pub(crate) fn write(
         video.finish()?;
     }
     Ok(run.keys.len())
+}
+
+/// The videos in the order of [`VIDEOS`], with a note for each that this ffmpeg cannot write; it has to write one.
+fn begin(
+    ffmpeg: &Ffmpeg,
+    size: (u32, u32),
+    rate: u32,
+    draft: &Draft,
+    notes: &mut Vec<String>,
+) -> Result<[Option<Video>; VIDEOS.len()], ExportError> {
+    if !VIDEOS.iter().any(|(_, codec)| ffmpeg.can(*codec)) {
+        return Err(ffmpeg.can_nothing());
+    }
+    let mut videos = [const { None }; VIDEOS.len()];
+    for (video, (name, codec)) in videos.iter_mut().zip(VIDEOS) {
+        if ffmpeg.can(codec) {
+            *video = Some(ffmpeg.begin(&draft.place(name)?, size, rate, codec)?);
+        } else {
+            notes.push(format!("no {name}: this ffmpeg has no encoder for it"));
+        }
+    }
+    Ok(videos)
 }
 
 /// A picture in the middle of a frame that is zero around it.
@@ -152,9 +167,36 @@ fn bleed(cutout: &mut Cutout) {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::picture::Matte;
+
+    #[cfg(unix)]
+    #[test]
+    fn without_any_encoder_there_is_no_export() {
+        use crate::ffmpeg::script;
+        let dir = tempfile::tempdir().unwrap();
+        let draft = Draft::begin(&dir.path().join("out"), crate::Existing::Keep).unwrap();
+        let begun = |encoder: &str| {
+            let text = format!(
+                "case \"$*\" in *-encoders*) echo ' V....D {encoder}  a'; exit 0;; esac\ncat >&2\n"
+            );
+            let ffmpeg = Ffmpeg::at(&script(dir.path(), &text)).unwrap();
+            let mut notes = Vec::new();
+            let videos = begin(&ffmpeg, (2, 2), 12, &draft, &mut notes)?;
+            Ok::<_, ExportError>((videos.map(|video| video.is_some()), notes))
+        };
+        let said = begun("gif").unwrap_err().to_string();
+        assert!(
+            said.contains("no encoder for any of the videos; install"),
+            "{said}"
+        );
+        let (videos, notes) = begun("prores_ks").unwrap();
+        assert_eq!(videos, [false, true, false, false]);
+        assert_eq!(notes.len(), 3);
+        assert!(notes[0].starts_with("no alpha.mp4: "), "{notes:?}");
+    }
 
     #[test]
     fn frames_are_centred() {

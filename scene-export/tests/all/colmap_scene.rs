@@ -1,7 +1,7 @@
 //! The object alone, as a scene that opens.
 
-use crate::rig::{HEIGHT, PHOTOS, Rig, WIDTH, key, listing};
-use io_colmap::{MaskSet, Scene};
+use crate::rig::{HEIGHT, PHOTOS, Rig, WIDTH, alpha, key, listing};
+use io_colmap::{MaskSet, Polarity, Scene};
 use scene_export::Target;
 use std::fs;
 
@@ -45,10 +45,16 @@ fn the_scene_holds_cutouts_and_the_objects_points() {
         assert_eq!(view.camera_from_world, original.camera_from_world);
         assert_eq!(view.id, original.id);
     }
-    assert!(
-        MaskSet::find(&out.join("masks"), &scene, None).is_err(),
-        "alpha is the mask"
-    );
+    // Alpha is the mask, of the view that does not show the object too. A scene's own photos are none.
+    let set = MaskSet::find(&out.join("images"), &original, None).unwrap();
+    assert_eq!(set.polarity, Polarity::WhiteIsObject);
+    for photo in 0..PHOTOS.len() {
+        let mask = set.load(photo, WIDTH, HEIGHT).unwrap().expect("a mask");
+        for (x, y, pixel) in mask.enumerate_pixels() {
+            let wanted = (f64::from(alpha(photo, x, y)) / 257.0).round();
+            assert_eq!(f64::from(pixel[0]), wanted, "{photo} {x} {y}");
+        }
+    }
 }
 
 #[test]

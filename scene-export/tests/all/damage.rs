@@ -2,16 +2,11 @@
 
 use crate::rig::{PLY, Rig, save};
 use io_colmap::CameraModel;
-use scene_export::{ExportError, MaskTool, Options, Product, Target, export};
+use scene_export::{MaskTool, Options, Product, Target, export};
 use std::fs;
 
-/// The error of an export, which is one line and leaves nothing behind.
 fn complaint(rig: &Rig, product: Product) -> String {
-    let error: ExportError = rig.export(product).unwrap_err();
-    let text = error.to_string();
-    assert!(!text.contains('\n'), "{text}");
-    assert!(!rig.out().exists());
-    text
+    rig.complaint(product)
 }
 
 /// The remedy for results that are damaged or not there, as the test's paths are written.
@@ -298,7 +293,48 @@ fn lenses_that_a_tool_does_not_know_are_refused() {
 }
 
 #[test]
-fn names_that_spin_nerf_would_mix_up_are_refused() {
-    let text = complaint(&Rig::new(), Product::Masks(MaskTool::SpinNerf));
-    assert!(text.contains("sub-folder"), "{text}");
+fn photos_of_two_sizes_are_refused_where_a_tool_has_one() {
+    let rig = Rig::new();
+    rig.remodel(|model| {
+        let mut other = model.cameras[&1].scaled_to(80, 60);
+        other.id = 2;
+        model.cameras.insert(2, other);
+        model.views[1].camera_id = 2;
+    });
+    let photo = image::RgbImage::new(80, 60);
+    save(&rig.run().join("scene/images/001.JPG"), |path| {
+        photo.save(path)
+    });
+    rig.rename("cam2/b.c.png", "004.png");
+    for tool in [MaskTool::Neus, MaskTool::SpinNerf] {
+        let text = complaint(&rig, Product::Masks(tool));
+        assert!(
+            text.contains("001.JPG")
+                && text.contains("this is 80x60 but the first 40x30; scale the photos to one size"),
+            "{text}"
+        );
+    }
+}
+
+#[test]
+fn names_that_brush_would_mix_up_are_refused() {
+    let rig = Rig::new();
+    rig.rename("cam2/b.c.png", "cam2/000.PNG");
+    let text = complaint(&rig, Product::Masks(MaskTool::Brush));
+    assert!(
+        text.contains("cam2/000.PNG: ") && text.contains("mix this one up with \"000.png\""),
+        "{text}"
+    );
+    // Other tools read them, and Brush is one of those that read cut-outs.
+    rig.masks(MaskTool::Nerfstudio);
+    fs::remove_dir_all(rig.out()).unwrap();
+    let (_, written) = rig.files(Target::ColmapScene);
+    let told = |notes: &[String]| {
+        notes
+            .iter()
+            .any(|note| note.contains("for Brush, rename \"cam2/000.png\""))
+    };
+    assert!(told(&written.notes), "{:?}", written.notes);
+    let (_, written) = Rig::new().files(Target::ColmapScene);
+    assert!(!told(&written.notes), "{:?}", written.notes);
 }

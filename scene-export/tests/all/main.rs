@@ -9,6 +9,8 @@ mod layers;
 mod mattes;
 mod meshes;
 mod outside_programs;
+mod photos;
 mod rig;
+mod spin_nerf;
 mod tool_masks;
 mod videos;

@@ -2,6 +2,9 @@
 
 use crate::rig::{HEIGHT, PHOTOS, Rig, WIDTH, alpha, key, object_colour};
 use scene_export::Target;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
 
 #[test]
 fn mattes_are_rounded_to_8_bits() {
@@ -17,6 +20,8 @@ fn mattes_are_rounded_to_8_bits() {
             assert_eq!(f64::from(pixel[0]), exact.round());
         }
     }
+    // A measurement claims no colour space.
+    assert_eq!(header(&out.join("000.png")).srgb, None);
 }
 
 #[test]
@@ -35,7 +40,20 @@ fn premultiplied_colours_never_exceed_alpha() {
             }
         }
     }
-    let bytes = std::fs::read(out.join("000.png")).unwrap();
-    let says = |text: &[u8]| bytes.windows(text.len()).any(|window| window == text);
-    assert!(says(b"premultiplied alpha") && says(b"sRGB"));
+    let info = header(&out.join("000.png"));
+    assert!(info.srgb.is_some(), "the file says sRGB");
+    let text = &info.uncompressed_latin1_text;
+    assert!(
+        text.iter()
+            .any(|text| text.keyword == "Description"
+                && text.text.starts_with("premultiplied alpha")),
+        "{text:?}"
+    );
+}
+
+/// What a PNG file says of itself.
+fn header(path: &Path) -> png::Info<'static> {
+    let file = BufReader::new(File::open(path).unwrap());
+    let reader = png::Decoder::new(file).read_info().unwrap();
+    reader.info().clone()
 }

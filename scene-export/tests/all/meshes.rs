@@ -107,38 +107,49 @@ fn glb_keeps_the_rules_of_the_standard() {
     assert_eq!(bound(accessor.max()), [0.5; 3]);
 }
 
-#[test]
-fn glb_far_from_the_origin_is_not_rounded() {
-    let rig = Rig::new();
-    let far = DVec3::new(500_000.25, 5_400_000.0, 100.0);
-    let mut text = PLY
-        .replace("float x", "double x")
-        .replace("float y", "double y");
-    text = text.replace("float z", "double z");
+/// The octahedron in double precision, smaller and elsewhere.
+fn moved(scale: f64, to: DVec3) -> String {
+    let text = PLY.replace("float x", "double x");
+    let text = text.replace("float y", "double y");
+    let text = text.replace("float z", "double z");
     let (head, body) = text.split_once("end_header\n").unwrap();
-    let moved: Vec<String> = body
+    let lines: Vec<String> = body
         .lines()
         .map(|line| {
             let mut words: Vec<String> = line.split(' ').map(str::to_owned).collect();
             if words.len() == 9 {
                 for axis in 0..3 {
                     let value: f64 = words[axis].parse().unwrap();
-                    words[axis] = format!("{:.17}", value + far[axis]);
+                    words[axis] = format!("{:.17}", scale * value + to[axis]);
                 }
             }
             words.join(" ")
         })
         .collect();
-    let ply = format!("{head}end_header\n{}\n", moved.join("\n"));
-    fs::write(rig.run().join("mesh.ply"), ply).unwrap();
-    let (out, _) = rig.files(Target::Glb);
-    let (positions, ..) = read_glb(&out.join("mesh.glb"));
-    let file = Gltf::open(out.join("mesh.glb")).unwrap();
-    let (shift, ..) = file.nodes().next().unwrap().transform().decomposed();
-    assert_eq!(shift, [500_000.0, 5_400_000.0, 100.0]);
-    for (position, corner) in positions.iter().zip(corners()) {
-        let found = position.as_dvec3() + Vec3::from(shift).as_dvec3();
-        assert!((found - corner - far).length() < 1e-6);
+    format!("{head}end_header\n{}\n", lines.join("\n"))
+}
+
+#[test]
+fn glb_far_from_the_origin_is_not_rounded() {
+    for (scale, far) in [
+        (1.0, DVec3::new(500_000.25, 5_400_000.0, 100.0)),
+        // Where f32 has no whole numbers any more.
+        (1.0, DVec3::new(40_000_001.3, -70_000_003.0, 0.0)),
+        // Less than a unit large and away, and still far for its size.
+        (1e-4, DVec3::new(0.4, -0.3, 0.2)),
+        (1e-4, DVec3::new(1000.3, 0.0, 0.0)),
+    ] {
+        let rig = Rig::new();
+        fs::write(rig.run().join("mesh.ply"), moved(scale, far)).unwrap();
+        let (out, _) = rig.files(Target::Glb);
+        let (positions, ..) = read_glb(&out.join("mesh.glb"));
+        let file = Gltf::open(out.join("mesh.glb")).unwrap();
+        let (shift, ..) = file.nodes().next().unwrap().transform().decomposed();
+        for (position, corner) in positions.iter().zip(corners()) {
+            let found = position.as_dvec3() + Vec3::from(shift).as_dvec3();
+            let off = (found - (scale * corner + far)).length();
+            assert!(off < 1e-6 * scale, "{scale} {far}: {off}");
+        }
     }
 }
 

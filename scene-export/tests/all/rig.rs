@@ -96,6 +96,35 @@ impl Rig {
         (self.out(), written)
     }
 
+    /// The error of an export, which is one line, names nothing that is gone, and leaves nothing behind.
+    pub(crate) fn complaint(&self, product: Product) -> String {
+        let error: ExportError = self.export(product).unwrap_err();
+        let text = error.to_string();
+        assert!(!text.contains('\n'), "{text}");
+        assert!(!text.contains(".sos-partial"), "{text}");
+        assert!(!self.out().exists());
+        text
+    }
+
+    /// Gives a photo another name, wherever it has one.
+    pub(crate) fn rename(&self, old: &str, new: &str) {
+        let run = self.run();
+        let mut pairs = vec![(format!("scene/images/{old}"), format!("scene/images/{new}"))];
+        for folder in ["alpha", "foreground", "background", "normal"] {
+            let file = |name| format!("{folder}/{}.png", key(name));
+            pairs.push((file(old), file(new)));
+        }
+        for (old, new) in pairs {
+            let new = run.join(new);
+            fs::create_dir_all(new.parent().unwrap()).unwrap();
+            fs::rename(run.join(old), new).unwrap();
+        }
+        self.remodel(|model| {
+            let view = model.views.iter_mut().find(|view| view.name == old);
+            view.unwrap().name = new.to_owned();
+        });
+    }
+
     /// Changes the scene's cameras.
     pub(crate) fn remodel(&self, change: impl Fn(&mut Model)) {
         let dir = self.run().join("scene/sparse/0");

@@ -10,7 +10,7 @@ use std::fs;
 use std::path::Path;
 
 /// Asserts that a mask is 8-bit grey, with these values on the object and off it.
-fn assert_mask(path: &Path, photo: usize, object: u8, rest: u8) {
+pub(crate) fn assert_mask(path: &Path, photo: usize, object: u8, rest: u8) {
     let picture = image::open(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let grey = picture.as_luma8().expect("8-bit grey");
     assert_eq!(grey.dimensions(), (WIDTH, HEIGHT));
@@ -216,62 +216,4 @@ fn neus_gets_numbered_files_and_projections() {
         .iter()
         .any(|note| note.contains("within 0.55"));
     assert!(says, "{:?}", imported.notes);
-}
-
-#[test]
-fn spin_nerf_takes_out_what_is_1() {
-    let rig = Rig::new();
-    // It knows no sub-folders.
-    let images = rig.run().join("scene/images");
-    fs::rename(images.join("cam2/b.c.png"), images.join("004.x.png")).unwrap();
-    for (folder, ending) in [("alpha", "png"), ("foreground", "png")] {
-        let from = rig.run().join(folder).join(format!("cam2/b.c.{ending}"));
-        fs::rename(from, rig.run().join(folder).join(format!("004.x.{ending}"))).unwrap();
-    }
-    rig.remodel(|model| {
-        let last = model.views.iter_mut().find(|view| view.name.contains('/'));
-        last.unwrap().name = "004.x.png".to_owned();
-    });
-    let (out, written) = rig.masks(MaskTool::SpinNerf);
-    assert!(
-        written.notes[0].contains("--factor 1"),
-        "{:?}",
-        written.notes
-    );
-    for (photo, label) in ["000", "001", "002", "004"].iter().enumerate() {
-        assert_mask(
-            &out.join(format!("images_1/label/{label}.png")),
-            photo,
-            1,
-            0,
-        );
-    }
-    let files = listing(&out);
-    for file in [
-        "images/001.JPG",
-        "images_1/001.png",
-        "images_1/004.x.png",
-        "sparse/0/images.bin",
-    ] {
-        assert!(files.contains(&file.to_owned()), "{file} {files:?}");
-    }
-}
-
-#[test]
-fn photos_with_alpha_or_of_other_formats_are_written_anew() {
-    let rig = Rig::new();
-    let images = rig.run().join("scene/images");
-    let clear = image::RgbaImage::from_pixel(WIDTH, HEIGHT, image::Rgba([1, 2, 3, 0]));
-    clear.save(images.join("000.png")).unwrap();
-    let (out, written) = rig.masks(MaskTool::Nerfstudio);
-    assert!(
-        written
-            .notes
-            .contains(&"1 photos are written anew as PNG".to_owned())
-    );
-    let photo = image::open(out.join("images/000.png")).unwrap();
-    assert_eq!(
-        photo.as_rgb8().expect("no alpha").get_pixel(5, 5).0,
-        [1, 2, 3]
-    );
 }
