@@ -4,12 +4,13 @@
 use crate::brush_names;
 use crate::draft::Draft;
 use crate::error::ExportError;
-use crate::mesh::Mesh;
+use crate::mesh::mesh_of_run;
 use crate::photos::renamed;
 use crate::picture::Silhouette;
 use crate::run::{Posed, Run};
 use image::{ColorType, ImageDecoder as _, ImageReader};
 use io_colmap::{Model, Scene, SparsePoint};
+use ply_mesh::Mesh;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -44,7 +45,7 @@ pub(crate) fn write(
         "{kept} of {all} sparse points lie on the object in most of the views that see them"
     ));
     if kept < ENOUGH_POINTS {
-        match Mesh::of_run(&run.root) {
+        match mesh_of_run(&run.root) {
             Ok(mesh) => {
                 model.points = of_mesh(&mesh);
                 notes.push(format!(

@@ -9,7 +9,6 @@
 
 use crate::draft::Draft;
 use crate::error::ExportError;
-use crate::mesh::Mesh;
 use glam::{DVec3, Vec3};
 use gltf::binary::{Glb, Header};
 use gltf::json;
@@ -19,6 +18,7 @@ use json::buffer::Target;
 use json::mesh::Semantic;
 use json::validation::{Checked, USize64};
 use json::{Accessor, Buffer, Index, Material, Node, Root, Scene, Value};
+use ply_mesh::Mesh;
 use std::borrow::Cow;
 use std::io::{self, Write as _};
 

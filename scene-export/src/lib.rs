@@ -54,10 +54,10 @@ pub use draft::Draft;
 pub use draft_folder::Existing;
 pub use error::{ExportError, UnknownWord};
 pub use ffmpeg::{Codec, Ffmpeg, Video};
-pub use mesh::Mesh;
+pub use mesh::mesh_of_run;
 pub use picture::{Kind, Picture, encoding_error};
 pub use product::{MaskTool, Product, Target};
-pub use record::RECORD;
+pub use record::{RECORD, files_of_others};
 pub use run::{CAMERAS, key_of, quoted};
 
 use run::Run;
@@ -127,11 +127,11 @@ pub fn export(
     let count = match product {
         Product::Files(Target::Exr) => exr_layers::write(&run, &draft)?,
         Product::Files(Target::Obj) => {
-            obj::write(&Mesh::of_run(&run.root)?, &draft)?;
+            obj::write(&mesh_of_run(&run.root)?, &draft)?;
             1
         }
         Product::Files(Target::Glb) => {
-            glb::write(&Mesh::of_run(&run.root)?, &draft)?;
+            glb::write(&mesh_of_run(&run.root)?, &draft)?;
             1
         }
         Product::Files(Target::Alpha8) => mattes::write_alpha8(&run, &draft)?,

@@ -16,7 +16,7 @@
 use crate::brush_names;
 use crate::draft::Draft;
 use crate::error::ExportError;
-use crate::mesh::Mesh;
+use crate::mesh::mesh_of_run;
 use crate::neus_cameras;
 use crate::photos::{Accepts, Photos};
 use crate::picture::{Kind, Picture};
@@ -110,7 +110,7 @@ pub(crate) fn write(
         }
         MaskTool::InstantNgp => {
             // The unit cube that it renders is put around the object.
-            let bounds = match Mesh::of_run(&run.root) {
+            let bounds = match mesh_of_run(&run.root) {
                 Ok(mesh) => Some(mesh.bounds()),
                 Err(error) => {
                     notes.push(format!(
@@ -131,7 +131,7 @@ pub(crate) fn write(
             })?
         }
         MaskTool::Neus => {
-            let mesh = Mesh::of_run(&run.root)?;
+            let mesh = mesh_of_run(&run.root)?;
             neus_cameras::write(scene, posed, &mesh, draft)?;
             let digits = posed.len().saturating_sub(1).to_string().len().max(3);
             photos.write_as(draft, |i| format!("image/{i:0digits$}.png"))?;

@@ -3,11 +3,11 @@
 
 use crate::draft::Draft;
 use crate::error::ExportError;
-use crate::mesh::Mesh;
 use crate::pinhole;
 use crate::run::Posed;
 use glam::{DMat3, DMat4, DVec3};
 use io_colmap::Scene;
+use ply_mesh::Mesh;
 use std::io::{self, Cursor, Write as _};
 use zip::write::SimpleFileOptions;
 

@@ -5,7 +5,7 @@
 
 use crate::draft::Draft;
 use crate::error::ExportError;
-use crate::mesh::Mesh;
+use ply_mesh::Mesh;
 use std::io::Write as _;
 
 pub(crate) fn write(mesh: &Mesh, draft: &Draft) -> Result<(), ExportError> {

@@ -37,7 +37,7 @@ pub(crate) fn with_files(record: &str, folder: &Path) -> io::Result<String> {
 /// Refuses to replace an exported folder that holds what was not exported with it: programs write into the folders
 /// that they are given, and what they did takes hours.
 pub(crate) fn refuse_others(folder: &Path) -> Result<(), ExportError> {
-    let others = others(folder).map_err(|e| ExportError::io("list", folder, e))?;
+    let others = files_of_others(folder).map_err(|e| ExportError::io("list", folder, e))?;
     if others.is_empty() {
         return Ok(());
     }
@@ -56,8 +56,11 @@ pub(crate) fn refuse_others(folder: &Path) -> Result<(), ExportError> {
     ))
 }
 
-/// The files in an exported folder that were not exported with it, sorted.
-fn others(folder: &Path) -> io::Result<Vec<String>> {
+/// The files in an exported folder that were not exported with it, sorted: names below it.
+///
+/// # Errors
+/// When it or its [`RECORD`] cannot be read.
+pub fn files_of_others(folder: &Path) -> io::Result<Vec<String>> {
     let record = folder.join(RECORD);
     let text = String::from_utf8_lossy(&fs::read(&record)?).into_owned();
     let mut lines = text.lines();

@@ -83,12 +83,7 @@ impl Run {
 
     /// That the run has not come to its end, where its log shows so.
     pub(crate) fn unfinished(&self) -> Option<String> {
-        let log = fs::read_to_string(self.root.join("log.jsonl")).ok()?;
-        let is_end = |line: &str| {
-            serde_json::from_str::<serde_json::Value>(line)
-                .is_ok_and(|line| line.get("event").is_some_and(|event| event == "end"))
-        };
-        (!log.lines().any(is_end)).then(|| {
+        (has_ended(&self.root) == Some(false)).then(|| {
             format!(
                 "the run has not come to its end: pictures may be missing, or of an earlier state of it; have it go on with: {}",
                 resumed(&self.root)
@@ -323,6 +318,16 @@ pub fn key_of(photo: &str) -> String {
         *last = stem.unwrap_or_default().to_string_lossy().into_owned();
     }
     parts.join("/")
+}
+
+/// Whether a run has come to its end, as its log says; `None` without one.
+pub(crate) fn has_ended(root: &Path) -> Option<bool> {
+    let log = fs::read_to_string(root.join("log.jsonl")).ok()?;
+    let is_end = |line: &str| {
+        serde_json::from_str::<serde_json::Value>(line)
+            .is_ok_and(|line| line.get("event").is_some_and(|event| event == "end"))
+    };
+    Some(log.lines().any(is_end))
 }
 
 /// The command that goes on with a run, and makes its results again where it is at its end. Without

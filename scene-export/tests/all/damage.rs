@@ -252,6 +252,13 @@ fn results_of_a_run_that_was_stopped_are_said_to_be() {
     let end = "{\"step\":9,\"event\":\"end\",\"seconds\":1.0}\n";
     for (lines, stopped) in [("{\"step\":9,\"event\":\"start\"}\n", true), (end, false)] {
         fs::write(&log, lines).unwrap();
+        let mesh = rig.run().join("mesh.ply");
+        fs::rename(&mesh, mesh.with_extension("kept")).unwrap();
+        let without = complaint(&rig, Product::Files(Target::Obj));
+        fs::rename(mesh.with_extension("kept"), &mesh).unwrap();
+        // Going on with what has ended would find no surface again.
+        assert_eq!(without.contains(&resumed(&rig)), stopped, "{without}");
+        assert_ne!(without.contains("found no surface"), stopped, "{without}");
         let written = rig.export(product).unwrap();
         fs::remove_dir_all(rig.out()).unwrap();
         let says = |note: &String| note.contains("its end") && note.contains(&resumed(&rig));

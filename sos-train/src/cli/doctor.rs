@@ -19,7 +19,7 @@ use scene_doctor::{
     photos_without_pose,
 };
 use scene_export::quoted;
-use scene_import::{MaskOptions, MaskSource, detect};
+use scene_import::{Dropped, MaskOptions, MaskSource, detect};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -140,6 +140,7 @@ impl Patient {
             files: Files {
                 missing,
                 missing_are: Missing::Refused,
+                left_out: Vec::new(),
                 unposed: photos_without_pose(
                     &paths,
                     masks.iter().flat_map(|masks| &masks.paths).flatten(),
@@ -202,9 +203,13 @@ impl Patient {
                 missing: imported
                     .dropped
                     .iter()
+                    .filter(|view| view.is_missing())
                     .map(|view| view.name.clone())
                     .collect(),
                 missing_are: Missing::LeftOut,
+                left_out: Dropped::sentences(
+                    imported.dropped.iter().filter(|view| !view.is_missing()),
+                ),
                 unposed: photos_without_pose(&imported.photos, imported.masks.iter().flatten()),
             },
             scene,

@@ -16,7 +16,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use glam::{DMat3, DVec3, Vec3};
 use io_colmap::View;
-use scene_export::Mesh;
+use ply_mesh::Mesh;
 use std::collections::HashMap;
 
 /// Most vertices in the page: about a megabyte, and their numbers fit 16 bits.

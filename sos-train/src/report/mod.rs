@@ -71,7 +71,7 @@ pub fn write_report(run: &RunFolder, inputs: &ReportInputs) -> Result<(), Report
     let read = run
         .mesh_path()
         .is_file()
-        .then(|| scene_export::Mesh::of_run(run.root()))
+        .then(|| scene_export::mesh_of_run(run.root()))
         .transpose();
     let (mesh, fault) = match read {
         Ok(mesh) => (mesh, None),

@@ -94,7 +94,8 @@ pub(super) fn holds_pictures(folder: &Path, ending: &str) -> bool {
     })
 }
 
-/// Removes what was made of a run's results below `folder`: each folder in it that says so by its record.
+/// Removes what was made of a run's results below `folder`: each folder in it that says so by its record, and in which
+/// no other program has written.
 pub(super) fn remove_made(folder: &Path) -> Result<(), RunError> {
     // A link leads out of the run.
     if folder.is_symlink() {
@@ -102,7 +103,8 @@ pub(super) fn remove_made(folder: &Path) -> Result<(), RunError> {
     }
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
-        if path.join(scene_export::RECORD).is_file() && !path.is_symlink() {
+        let is_made = || scene_export::files_of_others(&path).is_ok_and(|others| others.is_empty());
+        if path.join(scene_export::RECORD).is_file() && !path.is_symlink() && is_made() {
             remove_folder(&path)?;
         }
     }

@@ -4,6 +4,7 @@ use sos_train::run_folder::{Existing, RunError, RunFolder};
 use std::fs;
 use std::io::{Error, Write as _};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
 /// All files but the lock that a process holds on a run.
 fn tree(dir: &Path) -> Vec<String> {
@@ -96,8 +97,13 @@ fn one_process_at_a_time_makes_a_run() {
 fn replacing_waits_for_something_to_write_and_spares_what_is_not_ours() {
     let dir = tempfile::tempdir().unwrap();
     let path = run_in(dir.path());
-    for foreign in ["export/glb", "export/mine", "render/turntable"] {
-        fs::create_dir_all(path.join(foreign)).unwrap();
+    for folder in [
+        "export/glb",
+        "export/mine",
+        "export/spin-nerf",
+        "render/turntable",
+    ] {
+        fs::create_dir_all(path.join(folder)).unwrap();
     }
     for foreign in [
         "notes.txt",
@@ -107,10 +113,15 @@ fn replacing_waits_for_something_to_write_and_spares_what_is_not_ours() {
     ] {
         fs::write(path.join(foreign), "mine").unwrap();
     }
-    // Made of results that are about to go.
-    for made in ["export/glb", "render/turntable"] {
+    // Made of results that are about to go, in one of which somebody has worked since.
+    for made in ["export/glb", "export/spin-nerf", "render/turntable"] {
         fs::write(path.join(made).join(scene_export::RECORD), "from this run").unwrap();
     }
+    let record = path.join("export/spin-nerf").join(scene_export::RECORD);
+    let long_ago = SystemTime::now() - Duration::from_secs(3600);
+    let record = fs::File::options().write(true).open(record).unwrap();
+    record.set_modified(long_ago).unwrap();
+    fs::write(path.join("export/spin-nerf/poses_bounds.npy"), "mine").unwrap();
     let before = tree(&path);
     let run = RunFolder::create(&path, Existing::Replace).unwrap();
     assert_eq!(
@@ -126,6 +137,8 @@ fn replacing_waits_for_something_to_write_and_spares_what_is_not_ours() {
             "alpha/readme.md",
             "config.toml",
             "export/mine/a.obj",
+            "export/spin-nerf/export.txt",
+            "export/spin-nerf/poses_bounds.npy",
             "notes.txt",
             "sketch.png"
         ]
