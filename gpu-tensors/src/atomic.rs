@@ -34,6 +34,12 @@ impl AtomicSum for NativeSum {
 }
 
 /// By compare and swap of the sum's bits, where the device lacks the instruction.
+///
+/// The swap is a weak one, which may fail though it finds what it expected. SPIR-V has no weak one, and CubeCL's own Metal
+/// tries again until what it finds is another. On Metal by way of WGSL nobody does: there naga passes Metal's weak swap on
+/// as it is, and CubeCL asks for what was found alone, not whether it was swapped. Such a failure, which passes for a
+/// success here, would lose what was to be added. No value tells both apart, so that this has no remedy on this side;
+/// devices with an instruction of their own ([`NativeSum`]), as Apple's have, are not asked.
 pub struct CompareAndSwap;
 
 #[cube]

@@ -62,6 +62,6 @@ pub use sums::column_sums;
 #[cfg(feature = "cube")]
 pub use tensor::{
     UNITS, Uploaded, add, buffer, contiguous, contiguous_words, copy, fresh, fresh_words,
-    from_slice, own, points_at_once, poison_fresh_memory, read, units_for, workgroups, zero_words,
-    zeros,
+    from_slice, own, points_at_once, points_within, poison_fresh_memory, read, units_for,
+    workgroups, zero_words, zeros,
 };

@@ -75,14 +75,24 @@ fn fresh_of(like: &CubeTensor, shape: Shape) -> CubeTensor {
 }
 
 /// The most points, whole blocks of them, whose matrices of so many `rows` a device binds as one buffer each, up to a
-/// number that no step of training exceeds and that is no burden to anybody's memory.
+/// number that no step of training exceeds and that is no burden to anybody's memory. Rows are counted with their padding,
+/// see [`padded`], and of a matrix that is several times as wide as there are points, as often.
 ///
 /// # Panics
 /// When there are no rows.
 #[must_use]
 pub fn points_at_once(like: &CubeTensor, rows: usize) -> usize {
+    points_within(like.client.properties().memory.max_page_size, rows)
+}
+
+/// [`points_at_once`] where a device binds so many `bytes`.
+///
+/// # Panics
+/// As there.
+#[must_use]
+pub fn points_within(bytes: u64, rows: usize) -> usize {
     const MOST: usize = 1 << 17;
-    let values = like.client.properties().memory.max_page_size as usize / size_of::<f32>();
+    let values = usize::try_from(bytes).unwrap_or(usize::MAX) / size_of::<f32>();
     let points = (values / padded(rows)).min(MOST);
     (points / BLOCK * BLOCK).max(BLOCK)
 }
@@ -311,6 +321,19 @@ fn expect_numbered<const D: usize>(grid: [usize; D], threads: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn as_many_points_are_taken_at_once_as_a_device_binds() {
+        let bytes = 128 << 20;
+        for rows in [1, 8, 9, 136, 257, 272, 1040, 4112] {
+            let points = points_within(bytes, rows);
+            let size = |points: usize| (points * padded(rows) * size_of::<f32>()) as u64;
+            assert!(points.is_multiple_of(BLOCK) && size(points) <= bytes);
+            assert!(points == 1 << 17 || size(points + BLOCK) > bytes, "{rows}");
+        }
+        // Fewer than a block do not exist, whatever is bound.
+        assert_eq!(points_within(16, 1000), BLOCK);
+    }
 
     #[test]
     fn threads_without_a_number_of_their_own_are_refused() {

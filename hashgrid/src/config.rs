@@ -48,7 +48,8 @@ pub struct GridConfig {
     pub features: usize,
     /// Cells per axis of the coarsest level.
     pub base_resolution: u32,
-    /// Cells per axis of the finest level; those between grow geometrically.
+    /// Cells per axis of the finest level; those between grow geometrically. A single level is the coarsest one: then this
+    /// is not read, though it must not be below [`base_resolution`](Self::base_resolution).
     pub finest_resolution: u32,
     /// Base-2 logarithm of the most entries a level may have, `T = 2^log2_table_size`.
     pub log2_table_size: u32,

@@ -80,6 +80,21 @@ impl GridLayout {
             .map_or(0, |level| level.offset + level.entries)
     }
 
+    /// A table's numbers, `per_entry` of each entry, cut into those of each level, coarsest first.
+    ///
+    /// # Panics
+    /// When there are fewer numbers than that.
+    pub fn split_levels_mut<'a, T>(
+        &self,
+        numbers: &'a mut [T],
+        per_entry: usize,
+    ) -> Vec<&'a mut [T]> {
+        cut(
+            numbers,
+            self.levels.iter().map(|level| per_entry * level.entries),
+        )
+    }
+
     /// Number of features of an encoded point, `2 L`.
     pub fn features(&self) -> usize {
         FEATURES * self.levels.len()
@@ -105,6 +120,20 @@ impl GridLayout {
             "hashgrid: kernels index a table of up to {MOST_ENTRIES} entries, not {end}"
         );
     }
+}
+
+/// `numbers` cut into parts of these lengths; what is behind them is in none.
+///
+/// # Panics
+/// When there are fewer numbers than that.
+pub(crate) fn cut<T>(numbers: &mut [T], lengths: impl Iterator<Item = usize>) -> Vec<&mut [T]> {
+    let mut rest = numbers;
+    let part = |length| {
+        let (part, behind) = std::mem::take(&mut rest).split_at_mut(length);
+        rest = behind;
+        part
+    };
+    lengths.map(part).collect()
 }
 
 impl LevelLayout {
@@ -168,6 +197,33 @@ mod tests {
             next += level.entries;
         }
         assert_eq!(layout.entries(), next);
+    }
+
+    #[test]
+    fn levels_are_cut_where_they_begin() {
+        let layout = GridLayout::new(&GridConfig {
+            levels: 3,
+            finest_resolution: 40,
+            log2_table_size: 14,
+            ..GridConfig::default()
+        });
+        let mut numbers: Vec<usize> = (0..FEATURES * layout.entries()).collect();
+        let parts = layout.split_levels_mut(&mut numbers, FEATURES);
+        assert_eq!(parts.len(), 3);
+        for (part, level) in parts.iter().zip(&layout.levels) {
+            assert_eq!(part.len(), FEATURES * level.entries);
+            assert_eq!(part[0], FEATURES * level.offset);
+        }
+    }
+
+    #[test]
+    fn a_single_level_is_the_coarsest() {
+        let layout = GridLayout::new(&GridConfig {
+            levels: 1,
+            ..GridConfig::default()
+        });
+        assert_eq!(layout.levels.len(), 1);
+        assert_eq!(layout.levels[0].resolution, 16);
     }
 
     #[test]

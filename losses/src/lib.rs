@@ -37,7 +37,8 @@
 //! ```
 //!
 //! with 0 (and a gradient of 0) when there are no elements or all weights are zero. An element of
-//! weight 0 is therefore ignored: neither its value nor its number counts.
+//! weight 0 is therefore ignored: neither its value nor its number counts. It must be finite for that, but for
+//! [`row_losses()`], which ignores whatever it is: elsewhere `0 l_i` is no number where `l_i` is none.
 //!
 //! **Degenerate values** are the rule when training starts. Every loss and its gradient stay finite
 //! for finite inputs, and for the infinite log transmittance of an opaque ray.

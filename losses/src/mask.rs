@@ -11,9 +11,10 @@ use crate::{
 /// (6.9) and its gradient (1000), without the dead zone of a clamp.
 pub const OPACITY_OFFSET: f32 = 1e-3;
 
-/// Below every sum of `log(1 - a_i)` that single precision can produce (a thousand samples of the
-/// largest opacity below 1 give -1.7e4): only an infinite one ends here, without a gradient.
-const LEAST_LOG_TRANSMITTANCE: f32 = -1e5;
+/// Far below what a renderer adds up that takes logarithms from densities or distances (a wall's density of 1.6e5 along a
+/// backdrop of 1e4 gives -1.6e9), so that only an infinite sum, or one as good as infinite, ends here, without a gradient.
+/// Far enough above the least number that a batch of a hundred million such rays still adds up to one.
+const LEAST_LOG_TRANSMITTANCE: f32 = -1e30;
 
 /// The mask loss: binary cross entropy of the rendered opacity and a coarse mask, per ray.
 ///

@@ -195,6 +195,9 @@ fn the_mask_loss_pulls_rays_that_are_fully_wrong() {
         // Solid where nothing should be, at a transmittance that no f32 can hold.
         let [value, _, by_log] = mask_of_one(&device, 1.0, -400.0, 0.0);
         assert_eq!([value, by_log], [400.0, -1.0], "{backend}");
+        // At one that a wall's density makes of a long last interval.
+        let [value, _, by_log] = mask_of_one(&device, 1.0, -1.6e9, 0.0);
+        assert_eq!([value, by_log], [1.6e9, -1.0], "{backend}");
 
         // Right in both ways.
         let [value, ..] = mask_of_one(&device, 0.0, 0.0, 0.0);
@@ -211,6 +214,15 @@ fn the_mask_loss_survives_an_infinite_log_transmittance() {
             let [value, by_opacity, by_log] = mask_of_one(&device, 1.0, f32::NEG_INFINITY, mask);
             assert_finite(backend, value, &[vec![by_opacity, by_log]]);
         }
+        // A whole batch of them adds up to a number, too.
+        let rays = 10_000;
+        let inputs = [vec![1.0; rays], vec![f32::NEG_INFINITY; rays]];
+        let outcome = evaluate(&device, &inputs, |t| {
+            let mask = constant(&device, &vec![0.0; rays]);
+            let weights = constant(&device, &vec![2.0; rays]);
+            mask_loss(t[0].clone(), t[1].clone(), mask, Some(weights))
+        });
+        assert_finite(backend, outcome.value, &outcome.gradients);
     }
 }
 

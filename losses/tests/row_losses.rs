@@ -228,6 +228,33 @@ fn nothing_is_zero_and_stays_differentiable() {
     assert_eq!(mean_weights(vec![1.0, 3.0]), [0.25, 0.75]);
 }
 
+/// A row of weight 0 is not there, whatever it and what is known of it are.
+#[test]
+fn rows_without_weight_are_ignored_even_where_they_are_no_numbers() {
+    let (n, row) = (50, 20);
+    let (clean, mut known) = (numbers(n * COLUMNS, 5), numbers(n * KNOWN, 6));
+    known[row * KNOWN + 4..(row + 1) * KNOWN].fill(0.0);
+    let mut spoilt = [clean.clone(), known.clone()];
+    spoilt[0][row * COLUMNS..(row + 1) * COLUMNS].fill(f32::NAN);
+    spoilt[1][row * KNOWN..row * KNOWN + 4].fill(f32::NAN);
+    for (backend, device) in devices() {
+        let expected = run(&device, &clean, &known, row_losses);
+        let found = run(&device, &spoilt[0], &spoilt[1], row_losses);
+        assert_eq!(found, expected, "{backend}");
+        assert_eq!(
+            found[1][row * COLUMNS..(row + 1) * COLUMNS],
+            [0.0; COLUMNS],
+            "{backend}"
+        );
+        let reference = run(&device, &spoilt[0], &spoilt[1], |rows, known, terms| {
+            row_losses_reference(rows, known, &terms)
+        });
+        for (found, reference) in found.iter().zip(&reference) {
+            assert_close(backend, found, reference, 1e-5);
+        }
+    }
+}
+
 /// An opacity of 1 that should be 0 has a gradient; colours that are right have none.
 #[test]
 fn kinks_have_the_gradients_that_training_needs() {

@@ -213,6 +213,22 @@ fn no_surface_is_said_so() {
 }
 
 #[test]
+fn a_box_of_a_single_cell_cannot_be_closed() {
+    let thin = Aabb {
+        min: Vec3::new(-1.0, -1.0, 0.0),
+        max: Vec3::new(1.0, 1.0, 0.1),
+    };
+    let solid = FnSdf(|_| -1.0);
+    let error = extract_isosurface(&solid, &thin, &config(20)).unwrap_err();
+    assert_eq!(error, IsosurfaceError::TooThin { resolution: 20 });
+    assert!(error.to_string().contains("higher resolution"));
+    let one = extract_isosurface(&solid, &Aabb::UNIT, &config(1));
+    assert_eq!(one, Err(IsosurfaceError::TooThin { resolution: 1 }));
+    // Two cells have nodes between them.
+    assert_closed(&extract_isosurface(&solid, &thin, &config(40)).unwrap());
+}
+
+#[test]
 fn small_parts_are_dropped_and_frames_changed() {
     let field = FnSdf(|p: Vec3| {
         let big = p.distance(Vec3::splat(-0.3)) - 0.4;

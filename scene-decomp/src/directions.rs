@@ -5,11 +5,14 @@
 //! coordinates give it the curvature it would have to make from ReLUs (Instant-NGP feeds its colour
 //! network the same way).
 
+/// The highest degree that is written out below.
+pub(crate) const MOST_DEGREE: u32 = 4;
+
 /// Real spherical harmonics of bands 2 to `degree - 1`, without the constant and the linear band,
 /// which a network with a bias has in the direction itself. `directions` is `[n, 3]`, unit; the
 /// result `[n, harmonics(degree)]`.
 ///
-/// `degree` counts bands as Instant-NGP does: 1 or 2 add nothing, 4 is the most.
+/// `degree` counts bands as Instant-NGP does: up to 2 they add nothing, 4 is the most, and higher ones are as 4.
 #[must_use]
 pub fn spherical_harmonics(directions: &[f32], degree: u32) -> Vec<f32> {
     let columns = harmonics(degree);

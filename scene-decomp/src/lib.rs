@@ -32,5 +32,5 @@ pub use dense::Dense;
 pub use evaluate::{FrozenSurface, Geometry};
 pub use level_set::LevelSet;
 pub use model::{BACKGROUND_HALF_SIDE, Scene, SceneConfig, Sharpness};
-pub use surface::{InitialShape, Surface, SurfaceConfig, SurfaceSamples};
+pub use surface::{InitialShape, Surface, SurfaceConfig, SurfaceConfigError, SurfaceSamples};
 pub use surface_votes::SurfaceVotes;

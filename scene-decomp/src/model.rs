@@ -81,6 +81,9 @@ pub struct Scene {
 
 impl Scene {
     /// Seeded and geometrically initialised.
+    ///
+    /// # Panics
+    /// When a field's configuration is not valid: see [`SurfaceConfig::validate`].
     #[must_use]
     pub fn new(config: &SceneConfig, seed: u64, device: &Device) -> Self {
         Self {

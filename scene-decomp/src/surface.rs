@@ -5,7 +5,7 @@ use std::sync::Arc;
 use burn::Tensor;
 use burn::module::Module;
 use burn::tensor::Device;
-use hashgrid::{GridConfig, GridLayout, HashGrid, SparseGrad};
+use hashgrid::{GridConfig, GridConfigError, GridLayout, HashGrid, SparseGrad};
 use serde::{Deserialize, Serialize};
 use tensor_slices::matrix;
 
@@ -13,7 +13,7 @@ use crate::colour_field::{
     ColourFieldInputs, ColourFieldWeights, RowConfig, colour_field, sample_rows,
 };
 use crate::dense::{Dense, Random};
-use crate::directions::{colour_extra, harmonics};
+use crate::directions::{MOST_DEGREE, colour_extra, harmonics};
 use crate::sdf_field::{Forward, Normal, SdfFieldConfig, SdfFieldWeights, sdf_field};
 
 /// The sign of the sphere that a field starts from.
@@ -42,16 +42,77 @@ pub struct SurfaceConfig {
     pub features: usize,
     /// Further inputs of the colour network.
     pub extra: usize,
-    /// Degree of the [`spherical_harmonics`](crate::directions::spherical_harmonics) that the colour network sees beside the direction.
+    /// Degree of the [`spherical_harmonics`](crate::directions::spherical_harmonics) that the colour network sees beside the direction,
+    /// 0 to 4.
     pub direction_degree: u32,
     /// Outputs of the colour network: 3, or 4 with an alpha head.
     pub outputs: usize,
-    /// The field covers `[-half_side, half_side]^3`.
+    /// The field covers `[-half_side, half_side]^3`; positive.
     pub half_side: f32,
-    /// The softplus' sharpness.
+    /// The softplus' sharpness; positive.
     pub beta: f32,
     /// What the field is before training.
     pub initial: InitialShape,
+}
+
+/// Why a [`SurfaceConfig`] can't be built.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SurfaceConfigError {
+    /// There is no such hash grid.
+    #[error(transparent)]
+    Grid(#[from] GridConfigError),
+    /// Networks need a hidden layer.
+    #[error("a surface's hidden layers need a width of at least 1")]
+    NoHidden,
+    /// Harmonics are written out up to degree 4.
+    #[error("the degree of a surface's view directions must be within 0..=4, not {0}")]
+    DirectionDegree(u32),
+    /// A colour, with or without an alpha head.
+    #[error("a surface's colour network has 3 outputs, or 4 with an alpha head, not {0}")]
+    Outputs(usize),
+    /// The field must cover something.
+    #[error("half the side of a surface's cube must be a positive number, not {0}")]
+    HalfSide(f32),
+    /// A softplus of no sharpness is infinite.
+    #[error("the sharpness of a surface's softplus must be a positive number, not {0}")]
+    Beta(f32),
+    /// Networks are initialised to numbers.
+    #[error("a surface cannot begin as {0:?}, which is no number")]
+    Initial(InitialShape),
+}
+
+impl SurfaceConfig {
+    /// Checks that the numbers describe a surface that the kernels can handle.
+    ///
+    /// # Errors
+    /// The first rule that is broken.
+    pub fn validate(&self) -> Result<(), SurfaceConfigError> {
+        self.grid.validate()?;
+        if self.hidden == 0 {
+            return Err(SurfaceConfigError::NoHidden);
+        }
+        if self.direction_degree > MOST_DEGREE {
+            return Err(SurfaceConfigError::DirectionDegree(self.direction_degree));
+        }
+        if !(3..=4).contains(&self.outputs) {
+            return Err(SurfaceConfigError::Outputs(self.outputs));
+        }
+        let is_positive = |value: f32| value > 0.0 && value.is_finite();
+        if !is_positive(self.half_side) {
+            return Err(SurfaceConfigError::HalfSide(self.half_side));
+        }
+        if !is_positive(self.beta) {
+            return Err(SurfaceConfigError::Beta(self.beta));
+        }
+        let (InitialShape::Ball(value)
+        | InitialShape::Hollow(value)
+        | InitialShape::Flat(value)
+        | InitialShape::Uneven(value)) = self.initial;
+        if !value.is_finite() {
+            return Err(SurfaceConfigError::Initial(self.initial));
+        }
+        Ok(())
+    }
 }
 
 /// Networks and grid of one field.
@@ -100,8 +161,14 @@ impl Surface {
     /// SAL's initialisation (Atzmon and Lipman 2020) for one hidden layer of width `m`: columns of
     /// the position `N(0, 2 / m)`, columns of the encoding 0, output weights with mean
     /// `sqrt(pi / m)`, so that the sum over the hidden layer is about `|p|`; bias `-r`.
+    ///
+    /// # Panics
+    /// When the configuration is not valid: see [`SurfaceConfig::validate`].
     #[must_use]
     pub fn new(config: &SurfaceConfig, seed: u64, device: &Device) -> Self {
+        if let Err(error) = config.validate() {
+            panic!("Surface::new: {error}");
+        }
         let mut random = Random::new(seed);
         let layout = GridLayout::new(&config.grid);
         let hidden = config.hidden;
@@ -301,5 +368,75 @@ impl Surface {
             directions: rows(directions.to_vec(), 3),
             extra: rows(extra, columns),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn config() -> SurfaceConfig {
+        SurfaceConfig {
+            grid: GridConfig {
+                levels: 2,
+                ..GridConfig::default()
+            },
+            hidden: 8,
+            features: 0,
+            extra: 0,
+            direction_degree: 4,
+            outputs: 3,
+            half_side: 1.0,
+            beta: 100.0,
+            initial: InitialShape::Ball(0.5),
+        }
+    }
+
+    #[test]
+    fn bad_configurations_are_named() {
+        assert_eq!(config().validate(), Ok(()));
+        let bad = |change: fn(&mut SurfaceConfig)| {
+            let mut config = config();
+            change(&mut config);
+            config.validate().unwrap_err()
+        };
+        assert_eq!(
+            bad(|c| c.grid.levels = 0),
+            SurfaceConfigError::Grid(GridConfigError::NoLevels)
+        );
+        assert_eq!(bad(|c| c.hidden = 0), SurfaceConfigError::NoHidden);
+        assert_eq!(
+            bad(|c| c.direction_degree = 7),
+            SurfaceConfigError::DirectionDegree(7)
+        );
+        for (outputs, error) in [(2, bad(|c| c.outputs = 2)), (5, bad(|c| c.outputs = 5))] {
+            assert_eq!(error, SurfaceConfigError::Outputs(outputs));
+        }
+        assert_eq!(
+            bad(|c| c.half_side = 0.0),
+            SurfaceConfigError::HalfSide(0.0)
+        );
+        assert!(matches!(
+            bad(|c| c.half_side = f32::NAN),
+            SurfaceConfigError::HalfSide(_)
+        ));
+        assert_eq!(bad(|c| c.beta = 0.0), SurfaceConfigError::Beta(0.0));
+        assert_eq!(bad(|c| c.beta = -1.0), SurfaceConfigError::Beta(-1.0));
+        assert_eq!(
+            bad(|c| c.initial = InitialShape::Flat(f32::INFINITY)),
+            SurfaceConfigError::Initial(InitialShape::Flat(f32::INFINITY))
+        );
+    }
+
+    #[test]
+    #[should_panic(expected = "Surface::new: a surface's colour network has 3 outputs")]
+    fn a_bad_configuration_makes_no_surface() {
+        let config = SurfaceConfig {
+            outputs: 5,
+            ..config()
+        };
+        let _ = Surface::new(&config, 1, &Device::flex());
     }
 }

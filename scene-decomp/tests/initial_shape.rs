@@ -39,16 +39,21 @@ fn distances(initial: InitialShape, seed: u64) -> impl Iterator<Item = ([f32; 3]
 }
 
 #[test]
-fn a_ball_is_a_ball() {
-    let errors: Vec<f32> = distances(InitialShape::Ball(0.5), 1)
-        .map(|(point, found)| {
-            let radius = point.iter().map(|v| v * v).sum::<f32>().sqrt();
-            (found - (radius - 0.5)).abs()
-        })
-        .collect();
-    let error = errors.iter().sum::<f32>() / errors.len() as f32;
-    // 64 random directions and weights give the length to about an eighth.
-    assert!(error < 0.15, "mean error {error}");
+fn a_ball_is_a_ball_and_a_hollow_the_other_way_round() {
+    for (initial, sign) in [
+        (InitialShape::Ball(0.5), 1.0),
+        (InitialShape::Hollow(0.5), -1.0),
+    ] {
+        let errors: Vec<f32> = distances(initial, 1)
+            .map(|(point, found)| {
+                let radius = point.iter().map(|v| v * v).sum::<f32>().sqrt();
+                (found - sign * (radius - 0.5)).abs()
+            })
+            .collect();
+        let error = errors.iter().sum::<f32>() / errors.len() as f32;
+        // 64 random directions and weights give the length to about an eighth.
+        assert!(error < 0.15, "{initial:?}: mean error {error}");
+    }
 }
 
 #[test]

@@ -49,7 +49,7 @@ impl WeightReads {
         reads
     }
 
-    /// How often this process has measured: once for each device that it has asked [`Self::faster`] about.
+    /// How often this process has measured: once for each device that it has asked [`Self::faster`] about. For tests.
     #[must_use]
     pub fn measurements() -> usize {
         measured().len()

@@ -125,15 +125,10 @@ pub(super) fn table_gradient(
     let position: [Vec<f32>; 3] = position;
     let row = layout.features() * form.width();
     let mut out = vec![0.0; FEATURES * layout.entries()];
-    let mut rest = out.as_mut_slice();
-    let mut levels = Vec::with_capacity(config.active_levels);
-    for level in &layout.levels[..config.active_levels] {
-        let (own, tail) = rest.split_at_mut(FEATURES * level.entries);
-        levels.push(own);
-        rest = tail;
-    }
-    levels
+    layout
+        .split_levels_mut(&mut out, FEATURES)
         .into_par_iter()
+        .take(config.active_levels)
         .with_max_len(1)
         .enumerate()
         .for_each(|(level, out)| {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::moments::{STATE, Stored};
 use super::rule::{Parts, Rule};
-use crate::layout::{BLOCK_ENTRIES, FEATURES};
+use crate::layout::{BLOCK_ENTRIES, FEATURES, cut};
 use crate::sparse_grad::Waiting;
 use crate::step_clock::{SCATTER, UPDATE};
 
@@ -50,29 +50,19 @@ pub(super) fn step<T: Stored>(
     levels: &[usize],
     parts: Parts<'_, T>,
 ) {
-    let Parts {
-        mut table,
-        mut moments,
-        mut visited,
-    } = parts;
-    let mut tasks = Vec::with_capacity(levels.len());
-    for &entries in levels {
-        let blocks = entries / BLOCK_ENTRIES;
-        let (own_table, rest_of_table) = table.split_at_mut(entries * FEATURES);
-        let (own_moments, rest_of_moments) = moments.split_at_mut(blocks * STATE);
-        let (own_visited, rest_of_visited) = visited.split_at_mut(blocks);
-        tasks.push(Parts {
-            table: own_table,
-            moments: own_moments,
-            visited: own_visited,
-        });
-        (table, moments, visited) = (rest_of_table, rest_of_moments, rest_of_visited);
-    }
-    tasks
+    let blocks = levels.iter().map(|entries| entries / BLOCK_ENTRIES);
+    cut(parts.table, levels.iter().map(|entries| entries * FEATURES))
         .into_par_iter()
+        .zip(cut(parts.moments, blocks.clone().map(|n| n * STATE)))
+        .zip(cut(parts.visited, blocks))
         .with_max_len(1)
         .enumerate()
-        .for_each(|(level, parts)| {
+        .for_each(|(level, ((table, moments), visited))| {
+            let parts = Parts {
+                table,
+                moments,
+                visited,
+            };
             let entries = levels[level];
             let mut gradient = LevelGradient::take(entries);
             let values = &mut gradient.values[..entries * FEATURES];

@@ -196,8 +196,11 @@ impl LazyAdam {
         })
     }
 
-    /// Everything to be saved besides [`LazyAdam::steps`], for a continuation with the same bits:
-    /// all blocks' moments (16 first, 16 second ones), then the step of each block's last visit.
+    /// Everything to be saved besides [`LazyAdam::steps`]: all blocks' moments (16 first, 16 second ones), then the step of
+    /// each block's last visit.
+    ///
+    /// On a CPU a continuation has the same bits. On a GPU, where entries remember their own last visit, a block's moments
+    /// are as of the last one of any of its entries: the decay that this applies early rounds otherwise than later.
     #[must_use]
     pub fn state(&self) -> Vec<f32> {
         let (moments, visited) = self.host_state();

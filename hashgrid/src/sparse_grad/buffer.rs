@@ -6,7 +6,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use rayon::prelude::*;
 
 use super::BLOCK_VALUES;
-use crate::layout::{BLOCK_ENTRIES, FEATURES};
+use crate::layout::{BLOCK_ENTRIES, FEATURES, cut};
 
 /// The gradient of one step so far, or a share of it.
 pub(crate) struct Buffer {
@@ -92,16 +92,12 @@ impl Buffer {
     /// Has `add` add to the first `active` levels, in parallel.
     pub(super) fn add(&mut self, active: usize, add: impl Fn(usize, &mut [f32], &mut [u8]) + Sync) {
         self.allocate();
-        let (mut values, mut touched) = (&mut self.values[..], &mut self.touched[..]);
-        let mut levels = Vec::with_capacity(active);
-        for entries in &self.levels[..active] {
-            let (grad, rest) = values.split_at_mut(entries * FEATURES);
-            let (flags, rest_of_flags) = touched.split_at_mut(entries / BLOCK_ENTRIES);
-            levels.push((grad, flags));
-            (values, touched) = (rest, rest_of_flags);
-        }
-        levels
+        let levels = self.levels[..active].iter();
+        let values = cut(&mut self.values, levels.clone().map(|n| n * FEATURES));
+        let touched = cut(&mut self.touched, levels.map(|n| n / BLOCK_ENTRIES));
+        values
             .into_par_iter()
+            .zip(touched)
             .with_max_len(1)
             .enumerate()
             .for_each(|(level, (grad, flags))| add(level, grad, flags));

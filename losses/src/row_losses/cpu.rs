@@ -33,7 +33,11 @@ pub(super) fn forward(rows: Rows<'_>, known: Rows<'_>, terms: &[RowTerm]) -> Vec
             let mut sums = vec![0.0; terms.len()];
             for (row, known) in rows.zip(known) {
                 for (sum, term) in sums.iter_mut().zip(terms) {
-                    *sum += f64::from(known[term.weight] * value(term.loss, row, known));
+                    let weight = known[term.weight];
+                    // Zero times what is no number would be none.
+                    if weight != 0.0 {
+                        *sum += f64::from(weight * value(term.loss, row, known));
+                    }
                 }
             }
             sums
@@ -58,7 +62,10 @@ pub(super) fn backward(
         .for_each(|((rows, known), out)| {
             for ((row, known), out) in rows.zip(known).zip(out.chunks_exact_mut(width)) {
                 for (term, grad) in terms.iter().zip(grad) {
-                    add_gradient(term.loss, row, known, grad * known[term.weight], out);
+                    let weight = known[term.weight];
+                    if weight != 0.0 {
+                        add_gradient(term.loss, row, known, grad * weight, out);
+                    }
                 }
             }
         });

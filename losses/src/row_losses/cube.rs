@@ -6,7 +6,7 @@ use gpu_tensors::{buffer, column_sums, contiguous, cubecl, fresh, units_for, wor
 use cubecl::prelude::*;
 
 use super::autodiff::RowLossesBackwardOps;
-use super::{RowLoss, RowLossesOps, RowTerm};
+use super::{RowLoss, RowLossesOps, RowTerm, check};
 use crate::{ColourLoss, OPACITY_OFFSET};
 
 /// Threads of a workgroup, which add up what they have in halves.
@@ -134,6 +134,7 @@ impl RowLossesOps for Cube {
         known: FloatTensor<Self>,
         terms: Vec<RowTerm>,
     ) -> FloatTensor<Self> {
+        check(rows.meta.shape(), known.meta.shape(), &terms);
         let n = rows.meta.shape()[0];
         if n == 0 {
             return zeros(&rows, [terms.len()]);
@@ -149,7 +150,7 @@ impl RowLossesOps for Cube {
         let (rows, known) = (contiguous(rows), contiguous(known));
         for part in sizes.parts() {
             let (count, dim) = workgroups(&rows.client, groups, UNITS);
-            // SAFETY: rows end with the matrices, whose columns were checked; workgroups beyond `groups` write nothing.
+            // SAFETY: rows end with the matrices, whose columns `check` has seen; workgroups beyond `groups` write nothing.
             unsafe {
                 sums_kernel::launch_unchecked(
                     &sums.client,
@@ -179,12 +180,18 @@ impl RowLossesBackwardOps for Cube {
         terms: &[RowTerm],
         grad: FloatTensor<Self>,
     ) -> FloatTensor<Self> {
+        check(rows.meta.shape(), known.meta.shape(), terms);
+        assert_eq!(
+            grad.meta.shape()[..],
+            [terms.len()],
+            "row_losses: the sums' gradient"
+        );
         let n = rows.meta.shape()[0];
         let sizes = Sizes::new(&rows, &known, terms);
         let out = fresh(&rows, [n, sizes.columns]);
         if n > 0 {
             let (count, dim) = units_for(&out.client, n);
-            // SAFETY: threads beyond the rows return at once; columns were checked.
+            // SAFETY: threads beyond the rows return at once; `check` has seen the columns.
             unsafe {
                 gradient_kernel::launch_unchecked(
                     &out.client,
@@ -224,7 +231,10 @@ fn sums_kernel(
         let mut row = select(CUBE_POS < groups, CUBE_POS * UNITS + unit, n);
         while row < n {
             let (from, beside) = (row * comptime!(sizes.columns), row * comptime!(sizes.known));
-            sum += known[beside + comptime!(term.weight)] * value(rows, known, from, beside, term);
+            let weight = known[beside + comptime!(term.weight)];
+            let value = value(rows, known, from, beside, term);
+            // Zero times what is no number would be none.
+            sum += select(weight == 0.0f32, 0.0f32, weight * value);
             row += groups * UNITS;
         }
         shares[unit + comptime!(t * UNITS)] = sum;
@@ -269,7 +279,8 @@ fn gradient_kernel(
                 let term = comptime!(sizes.terms[t]);
                 if comptime!(term.has(column)) {
                     let slope = slope(rows, known, from, beside, column, term);
-                    sum += grad[t] * known[beside + comptime!(term.weight)] * slope;
+                    let weight = known[beside + comptime!(term.weight)];
+                    sum += select(weight == 0.0f32, 0.0f32, grad[t] * weight * slope);
                 }
             }
             out[from + column] = sum;

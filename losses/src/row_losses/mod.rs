@@ -18,7 +18,7 @@ mod reference;
 use burn::backend::{Backend, Dispatch, backend_extension, tensor::FloatTensor};
 use burn::tensor::Tensor;
 
-use crate::{ColourLoss, huber::expect_delta, shape::expect_shape};
+use crate::{ColourLoss, huber::expect_delta};
 
 pub use reference::row_losses_reference;
 
@@ -119,7 +119,8 @@ pub trait RowLossesOps: Backend {
 /// ```
 ///
 /// `rows` is `[n, columns]`; `known` `[n, any]` is what is known of each row: targets, and weights, to which no gradient flows.
-/// For a mean, weights are divided by their sum beforehand, as [`mean_weights`] does.
+/// For a mean, weights are divided by their sum beforehand, as [`mean_weights`] does. A row of weight 0 adds nothing to a
+/// term and has no gradient of it, even where the term's columns are no numbers.
 ///
 /// # Panics
 /// When there is no term, one names a column that is not there or a Huber delta that is no positive number, or `known` has
@@ -147,7 +148,7 @@ pub trait RowLossesOps: Backend {
 /// ```
 #[must_use]
 pub fn row_losses(rows: Tensor<2>, known: Tensor<2>, terms: Vec<RowTerm>) -> Tensor<1> {
-    check(&rows, &known, &terms);
+    check(&rows.dims(), &known.dims(), &terms);
     Tensor::from_dispatch(Dispatch::row_losses(
         rows.into_dispatch(),
         known.into_dispatch(),
@@ -155,10 +156,16 @@ pub fn row_losses(rows: Tensor<2>, known: Tensor<2>, terms: Vec<RowTerm>) -> Ten
     ))
 }
 
-/// What kernels rest on.
-fn check(rows: &Tensor<2>, known: &Tensor<2>, terms: &[RowTerm]) {
-    let ([n, columns], [_, known_columns]) = (rows.dims(), known.dims());
-    expect_shape("row_losses", "known", known, [n, known_columns]);
+/// What kernels rest on: the shapes of the rows and of what is known of them, and columns that are there.
+fn check(rows: &[usize], known: &[usize], terms: &[RowTerm]) {
+    let (&[n, columns], &[known_rows, known_columns]) = (rows, known) else {
+        panic!("row_losses: rows are {rows:?} and known {known:?}, not matrices");
+    };
+    assert!(
+        known_rows == n,
+        "row_losses: known has shape {known:?}, expected {:?}",
+        [n, known_columns]
+    );
     assert!(!terms.is_empty(), "row_losses: no terms");
     for term in terms {
         let [read, from_known] = term.loss.needs();

@@ -11,10 +11,17 @@ use crate::{ColourLoss, OPACITY_OFFSET, huber::huber};
 /// As there.
 #[must_use]
 pub fn row_losses_reference(rows: Tensor<2>, known: Tensor<2>, terms: &[RowTerm]) -> Tensor<1> {
-    check(&rows, &known, terms);
+    check(&rows.dims(), &known.dims(), terms);
     let known = known.detach();
     let sums = terms.iter().map(|term| {
         let weights = known.clone().narrow(1, term.weight, 1);
+        let ignored = weights.clone().equal_elem(0.0);
+        // Before the loss is taken: afterwards its slope would be none where it is no number, whatever that is multiplied by.
+        let [rows, known] = [&rows, &known].map(|matrix| {
+            matrix
+                .clone()
+                .mask_fill(ignored.clone().expand(matrix.dims()), 0.0)
+        });
         (loss_of_rows(term.loss, &rows, &known) * weights).sum()
     });
     Tensor::cat(sums.collect(), 0)

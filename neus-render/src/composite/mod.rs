@@ -222,7 +222,10 @@ pub fn composite(
     packing: Arc<Packing>,
     config: CompositeConfig,
 ) -> Tensor<2> {
-    check_shapes(&object, &background, &sharpness, &packing);
+    check_shapes(
+        [&object.dims(), &background.dims(), &sharpness.dims()],
+        &packing,
+    );
     Tensor::from_dispatch(Dispatch::composite(
         object.into_dispatch(),
         background.into_dispatch(),
@@ -232,35 +235,30 @@ pub fn composite(
     ))
 }
 
-fn check_shapes(
-    object: &Tensor<2>,
-    background: &Tensor<2>,
-    sharpness: &Tensor<1>,
-    packing: &Packing,
-) {
+/// What kernels rest on: the shapes of object, background and sharpness.
+fn check_shapes([object, background, sharpness]: [&[usize]; 3], packing: &Packing) {
     for (name, found, rows, columns) in [
         (
             "object",
-            object.dims(),
+            object,
             packing.object().len(),
             object_column::COUNT,
         ),
         (
             "background",
-            background.dims(),
+            background,
             packing.background().len(),
             background_column::COUNT,
         ),
     ] {
         assert!(
-            found[0] == rows && found[1] >= columns,
+            found.len() == 2 && found[0] == rows && found[1] >= columns,
             "composite: {name} has shape {found:?}, the packing wants [{rows}, {columns}]"
         );
     }
-    let found = sharpness.dims();
     assert_eq!(
-        found,
+        sharpness,
         [2],
-        "composite: sharpness has shape {found:?}, not [2]"
+        "composite: sharpness has shape {sharpness:?}, not [2]"
     );
 }

@@ -20,7 +20,10 @@ pub fn composite_reference(
     packing: &Packing,
     config: CompositeConfig,
 ) -> Tensor<2> {
-    super::check_shapes(&object, &background, &sharpness, packing);
+    super::check_shapes(
+        [&object.dims(), &background.dims(), &sharpness.dims()],
+        packing,
+    );
     let device = object.device();
     let grid = Dense::new(packing, &device);
     if grid.longest == 0 {

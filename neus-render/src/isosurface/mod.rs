@@ -31,7 +31,7 @@ const POINTS_AT_ONCE: usize = 65536;
 pub enum Border {
     /// It ends there with an open edge.
     Open,
-    /// The solid is cut off by the box, and the mesh is closed.
+    /// The solid is cut off by the box, and the mesh is closed. The box must be two cells thick at least.
     Closed,
 }
 
@@ -77,6 +77,15 @@ pub enum IsosurfaceError {
         /// As `x`.
         z: String,
     },
+    /// A border that closes leaves nothing of a box that is one cell thick.
+    #[error(
+        "at resolution {resolution} the box is a single cell thick, all of which a closed border cuts off: choose a higher \
+         resolution or an open border"
+    )]
+    TooThin {
+        /// The resolution asked for.
+        resolution: u32,
+    },
     /// Resolution or box don't describe a grid.
     #[error("no grid: resolution {resolution} must be 1 to 4096, and the box must have a volume")]
     NoGrid {
@@ -103,7 +112,7 @@ pub enum IsosurfaceError {
 /// ```
 ///
 /// # Errors
-/// [`IsosurfaceError`]: no sign change, a value that is not finite, or an impossible grid.
+/// [`IsosurfaceError`]: no sign change, a value that is not finite, an impossible grid, or one too thin for its border.
 pub fn extract_isosurface(
     field: &impl SdfBatch,
     aabb: &Aabb,
@@ -158,6 +167,10 @@ impl Lattice {
         let cell = size.max_element() / resolution as f32;
         // A little less, so that rounding doesn't add a layer.
         let cells = (size / cell - 1e-3).ceil().as_ivec3().max(IVec3::ONE);
+        // All nodes lie on the border then.
+        if config.border == Border::Closed && cells.min_element() == 1 {
+            return Err(IsosurfaceError::TooThin { resolution });
+        }
         Ok(Self {
             aabb: *aabb,
             cell: size / cells.as_vec3(),

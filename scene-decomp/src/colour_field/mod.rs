@@ -85,7 +85,8 @@ pub trait ColourFieldOps: Backend {
 /// Colours in `[0, 1]`, `[n, C]`, with gradients for the geometry and the weights.
 ///
 /// # Panics
-/// When a shape does not fit.
+/// When a shape does not fit. On a GPU also when a matrix of all points has more than `2^32 − 1` numbers: ask in smaller
+/// batches.
 #[must_use]
 pub fn colour_field(inputs: ColourFieldInputs, weights: ColourFieldWeights) -> Tensor<2> {
     let nothing = Tensor::zeros([inputs.points.dims()[0], 0], &inputs.points.device());
@@ -98,7 +99,7 @@ pub fn colour_field(inputs: ColourFieldInputs, weights: ColourFieldWeights) -> T
 /// `stretch` `[n, 1]` multiplies densities, a constant; `[n, 0]` stands for ones.
 ///
 /// # Panics
-/// When a shape does not fit.
+/// As [`colour_field`].
 #[must_use]
 pub fn sample_rows(
     inputs: ColourFieldInputs,
@@ -115,7 +116,7 @@ fn run(
     weights: ColourFieldWeights,
     output: Output,
 ) -> Tensor<2> {
-    check(&inputs, &stretch, &weights);
+    check_tensors(&inputs, &stretch, &weights);
     Tensor::from_dispatch(Dispatch::colour_field(
         inputs.geometry.into_dispatch(),
         inputs.points.into_dispatch(),
@@ -132,43 +133,56 @@ fn run(
     ))
 }
 
-fn check(inputs: &ColourFieldInputs, stretch: &Tensor<2>, weights: &ColourFieldWeights) {
-    let [n, columns] = inputs.geometry.dims();
-    let [rows, extra] = inputs.extra.dims();
-    assert_eq!(rows, n, "colour_field: extra must have a row per point");
-    let [hidden, width] = weights.w1.dims();
-    assert_eq!(
-        width,
-        6 + columns + extra,
-        "colour_field: w1 is [{hidden}, {width}], but geometry [{n}, {columns}] and extra \
-         [{n}, {extra}] make {} inputs",
-        6 + columns + extra
+/// [`check`] for tensors of any backend.
+fn check_tensors(inputs: &ColourFieldInputs, stretch: &Tensor<2>, weights: &ColourFieldWeights) {
+    let ColourFieldInputs {
+        geometry,
+        points,
+        directions,
+        extra,
+    } = inputs;
+    let matrices = [geometry, points, directions, extra, stretch].map(|matrix| matrix.dims());
+    let layers = [&weights.w1, &weights.w2, &weights.w3].map(|weight| weight.dims());
+    let biases = [&weights.b1, &weights.b2, &weights.b3].map(|bias| bias.dims());
+    check(
+        matrices.each_ref().map(|shape| &shape[..]),
+        layers.each_ref().map(|shape| &shape[..]),
+        biases.each_ref().map(|shape| &shape[..]),
     );
-    for (name, dims) in [
-        ("points", inputs.points.dims()),
-        ("directions", inputs.directions.dims()),
-    ] {
-        assert_eq!(dims, [n, 3], "colour_field: {name} must be [n, 3]");
-    }
-    let [rows, width] = stretch.dims();
+}
+
+/// What kernels rest on: the shapes of geometry, points, directions, extra and stretch, of the layers and of their biases.
+fn check(
+    [geometry, points, directions, extra, stretch]: [&[usize]; 5],
+    [w1, w2, w3]: [&[usize]; 3],
+    biases: [&[usize]; 3],
+) {
+    let (&[n, columns], &[rows, further]) = (geometry, extra) else {
+        panic!("colour_field: geometry is {geometry:?} and extra {extra:?}, not matrices");
+    };
     assert!(
-        rows == n && width <= 1,
-        "sample_rows: stretch is [{rows}, {width}], not [{n}, 1] or [{n}, 0]"
+        columns > 3,
+        "colour_field: geometry is {geometry:?}, but has sdf, features and normal"
     );
-    let [second, inner] = weights.w2.dims();
-    assert_eq!(inner, hidden, "colour_field: w2 does not fit w1");
-    let [outputs, inner] = weights.w3.dims();
-    assert_eq!(inner, second, "colour_field: w3 does not fit w2");
-    for (bias, rows) in [
-        (&weights.b1, hidden),
-        (&weights.b2, second),
-        (&weights.b3, outputs),
-    ] {
-        assert_eq!(
-            bias.dims(),
-            [rows],
-            "colour_field: a bias does not fit its layer"
-        );
+    assert_eq!(rows, n, "colour_field: extra must have a row per point");
+    let (hidden, second, outputs) = (w1[0], w2[0], w3[0]);
+    let inputs = 6 + columns + further;
+    assert_eq!(
+        w1,
+        [hidden, inputs],
+        "colour_field: w1 is {w1:?}, but geometry {geometry:?} and extra {extra:?} make {inputs} inputs"
+    );
+    for (name, shape) in [("points", points), ("directions", directions)] {
+        assert_eq!(shape, [n, 3], "colour_field: {name} must be [n, 3]");
+    }
+    assert!(
+        stretch == [n, 1] || stretch == [n, 0],
+        "sample_rows: stretch is {stretch:?}, not [{n}, 1] or [{n}, 0]"
+    );
+    assert_eq!(w2, [second, hidden], "colour_field: w2 does not fit w1");
+    assert_eq!(w3, [outputs, second], "colour_field: w3 does not fit w2");
+    for (bias, rows) in biases.into_iter().zip([hidden, second, outputs]) {
+        assert_eq!(bias, [rows], "colour_field: a bias does not fit its layer");
     }
     assert!(
         (1..=MAX_OUTPUTS).contains(&outputs),

@@ -28,7 +28,7 @@ fn run<B: F32Slices>(
             let out = cpu::forward_to_tape(&points, &table, &weights, config, tape);
             (out, None)
         }
-        (cpu::Keep::ForBackward, Forward::FromTape(rows)) => {
+        (cpu::Keep::ForBackward, Forward::FromTape(rows)) if !rows.is_empty() => {
             let (out, saved) = cpu::forward_from_tape(rows, table.len(), weights, config);
             (out, Some(saved))
         }

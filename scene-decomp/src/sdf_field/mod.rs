@@ -50,7 +50,8 @@ pub enum Forward {
     /// Outside autodiff: what a backward pass needs goes to the tape. GPUs' kernels leave it as it is.
     Taped(Tape),
     /// Under autodiff: these rows, one for each point, were computed before, of the same weights and levels, and
-    /// are not again. GPUs' kernels compute them.
+    /// are not again. GPUs' kernels compute them. No rows at all, which is what a tape of theirs has, are as
+    /// [`Forward::Alone`].
     FromTape(TapedRows),
 }
 
@@ -121,10 +122,11 @@ pub trait SdfFieldOps: Backend {
 /// points are constants.
 ///
 /// # Panics
-/// When a shape or the sparse gradient does not fit the layout, or taped rows are of another field or not one for each point.
+/// When a shape or the sparse gradient does not fit the layout, or there are taped rows, but of another field or not one for
+/// each point. On a GPU also when points or results are more than `2^32 − 1` numbers: ask in smaller batches.
 #[must_use]
 pub fn sdf_field(points: Tensor<2>, weights: SdfFieldWeights, config: SdfFieldConfig) -> Tensor<2> {
-    check(&points, &weights, &config);
+    check_tensors(&points, &weights, &config);
     Tensor::from_dispatch(Dispatch::sdf_field(
         points.into_dispatch(),
         weights.table.into_dispatch(),
@@ -136,37 +138,53 @@ pub fn sdf_field(points: Tensor<2>, weights: SdfFieldWeights, config: SdfFieldCo
     ))
 }
 
-fn check(points: &Tensor<2>, weights: &SdfFieldWeights, config: &SdfFieldConfig) {
-    let columns = 3 + 2 * config.layout.levels.len();
-    let [_, three] = points.dims();
-    assert_eq!(
-        three,
-        3,
-        "sdf_field: points are {:?}, not [n, 3]",
-        points.dims()
+/// [`check`] for tensors of any backend.
+fn check_tensors(points: &Tensor<2>, weights: &SdfFieldWeights, config: &SdfFieldConfig) {
+    let SdfFieldWeights {
+        table,
+        w1,
+        b1,
+        w2,
+        b2,
+    } = weights;
+    check(
+        &points.dims(),
+        [
+            &table.dims(),
+            &w1.dims(),
+            &b1.dims(),
+            &w2.dims(),
+            &b2.dims(),
+        ],
+        config,
     );
-    let expected = [config.layout.entries(), 2];
+}
+
+/// What kernels rest on: the shapes of the points and of `[table, w1, b1, w2, b2]`, and that the rest of `config` is of the
+/// same layout.
+fn check(points: &[usize], [table, w1, b1, w2, b2]: [&[usize]; 5], config: &SdfFieldConfig) {
+    let columns = 3 + 2 * config.layout.levels.len();
+    let &[n, 3] = points else {
+        panic!("sdf_field: points are {points:?}, not [n, 3]");
+    };
     assert_eq!(
-        weights.table.dims(),
-        expected,
+        table,
+        [config.layout.entries(), 2],
         "sdf_field: the table does not fit its layout"
     );
-    let [hidden, inputs] = weights.w1.dims();
+    let (hidden, outputs) = (w1[0], w2[0]);
     assert_eq!(
-        inputs, columns,
-        "sdf_field: w1 is [{hidden}, {inputs}], but the layout asks for [hidden, {columns}]"
+        w1,
+        [hidden, columns],
+        "sdf_field: w1 is {w1:?}, but the layout asks for [hidden, {columns}]"
     );
-    let [outputs, inner] = weights.w2.dims();
     assert_eq!(
-        inner, hidden,
-        "sdf_field: w2 is [{outputs}, {inner}], but w1 has {hidden} rows"
+        w2,
+        [outputs, hidden],
+        "sdf_field: w2 is {w2:?}, but w1 has {hidden} rows"
     );
-    assert_eq!(weights.b1.dims(), [hidden], "sdf_field: b1 does not fit w1");
-    assert_eq!(
-        weights.b2.dims(),
-        [outputs],
-        "sdf_field: b2 does not fit w2"
-    );
+    assert_eq!(b1, [hidden], "sdf_field: b1 does not fit w1");
+    assert_eq!(b2, [outputs], "sdf_field: b2 does not fit w2");
     assert!(
         config.active_levels <= config.layout.levels.len(),
         "sdf_field: {} active levels of {}",
@@ -182,8 +200,11 @@ fn check(points: &Tensor<2>, weights: &SdfFieldWeights, config: &SdfFieldConfig)
         );
     }
     if let Forward::FromTape(rows) = &config.forward {
-        let (n, taped) = (points.dims()[0], rows.len());
-        assert_eq!(taped, n, "sdf_field: {taped} taped rows of {n} points");
+        let taped = rows.len();
+        assert!(
+            taped == n || rows.is_empty(),
+            "sdf_field: {taped} taped rows of {n} points"
+        );
     }
 }
 

@@ -258,7 +258,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
-    use pulp::{Arch, WithSimd};
+    use pulp::{Arch, Scalar, WithSimd};
 
     fn numbers(count: usize, seed: u32) -> Vec<f32> {
         let mut state = seed;
@@ -270,46 +270,85 @@ mod tests {
             .collect()
     }
 
-    struct Both<'a> {
+    /// The vector instructions that kernels may be compiled for: each has its own blocks of registers.
+    #[derive(Clone, Copy, Debug)]
+    enum Tier {
+        /// None.
+        Scalar,
+        /// Eight lanes, on machines that have them.
+        V3,
+        /// The machine's widest.
+        Widest,
+    }
+
+    impl Tier {
+        /// What `op` returns; `None` where the machine has no such instructions.
+        fn run<T: WithSimd>(self, op: T) -> Option<T::Output> {
+            match self {
+                Self::Scalar => Some(op.with_simd(Scalar::new())),
+                #[cfg(target_arch = "x86_64")]
+                Self::V3 => pulp::x86::V3::try_new().map(|simd| Simd::vectorize(simd, op)),
+                #[cfg(not(target_arch = "x86_64"))]
+                Self::V3 => None,
+                Self::Widest => Some(Arch::new().dispatch(op)),
+            }
+        }
+    }
+
+    struct All<'a> {
         w: &'a [f32],
         bias: &'a [f32],
         x: &'a [f32],
         y: &'a mut [f32],
         acc: &'a mut [f32],
+        /// Of a tile of [`GRAIN`] points.
+        few: [&'a mut [f32]; 2],
     }
 
-    impl WithSimd for Both<'_> {
+    impl WithSimd for All<'_> {
         type Output = usize;
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> usize {
             forward(simd, self.w, Some(self.bias), self.x, self.y);
             outer(simd, self.y, self.x, self.acc);
+            let [x, y] = self.few;
+            forward_of(simd, GRAIN, self.w, None, x, y);
             S::F32_LANES
         }
     }
 
     /// Every remainder of the register blocks, against the sums written out in f64.
-    #[test]
-    fn products_equal_the_plain_loops() {
+    fn products_equal_the_plain_loops(tier: Tier) {
         for (n_in, n_out) in [(35, 64), (64, 13), (1, 1), (7, 5), (22, 11)] {
             let (w, bias) = (numbers(n_in * n_out, 1), numbers(n_out, 2));
             let x = numbers(n_in * POINTS, 3);
             let mut y = vec![0.0; n_out * POINTS];
             let mut acc = vec![0.0; n_in * n_out * 16];
-            let lanes = Arch::new().dispatch(Both {
+            let (mut few_x, mut few_y) = (numbers(n_in * GRAIN, 4), vec![0.0; n_out * GRAIN]);
+            let lanes = tier.run(All {
                 w: &w,
                 bias: &bias,
                 x: &x,
                 y: &mut y,
                 acc: &mut acc,
+                few: [&mut few_x, &mut few_y],
             });
+            let Some(lanes) = lanes else {
+                return;
+            };
+            let product = |j: usize, x: &[f32], points: usize, p: usize| -> f64 {
+                (0..n_in)
+                    .map(|i| f64::from(w[j * n_in + i]) * f64::from(x[i * points + p]))
+                    .sum()
+            };
             for j in 0..n_out {
                 for p in 0..POINTS {
-                    let expected: f64 = f64::from(bias[j])
-                        + (0..n_in)
-                            .map(|i| f64::from(w[j * n_in + i]) * f64::from(x[i * POINTS + p]))
-                            .sum::<f64>();
+                    let expected = f64::from(bias[j]) + product(j, &x, POINTS, p);
                     assert!((f64::from(y[j * POINTS + p]) - expected).abs() < 1e-5);
+                }
+                for p in 0..GRAIN {
+                    let expected = product(j, &few_x, GRAIN, p);
+                    assert!((f64::from(few_y[j * GRAIN + p]) - expected).abs() < 1e-5);
                 }
                 for i in 0..n_in {
                     let expected: f64 = (0..POINTS)
@@ -317,9 +356,27 @@ mod tests {
                         .sum();
                     let at = (j * n_in + i) * lanes;
                     let sum: f32 = acc[at..at + lanes].iter().sum();
-                    assert!((f64::from(sum) - expected).abs() < 1e-3, "{sum} {expected}");
+                    assert!(
+                        (f64::from(sum) - expected).abs() < 1e-3,
+                        "{tier:?}: {sum} {expected}"
+                    );
                 }
             }
         }
+    }
+
+    #[test]
+    fn products_without_vectors() {
+        products_equal_the_plain_loops(Tier::Scalar);
+    }
+
+    #[test]
+    fn products_of_eight_lanes() {
+        products_equal_the_plain_loops(Tier::V3);
+    }
+
+    #[test]
+    fn products_of_the_widest_vectors() {
+        products_equal_the_plain_loops(Tier::Widest);
     }
 }

@@ -2,15 +2,15 @@
 
 use burn::tensor::Device;
 use scene_decomp::colour_field::{
-    ColourFieldInputs, ColourFieldWeights, Reading, RowConfig, colour_field, reference, sample_rows,
+    ColourFieldInputs, ColourFieldWeights, Reading, RowConfig, colour_field, reference, row_column,
+    sample_rows,
 };
 
 use crate::support::{
-    GRADIENT, Random, VALUE, assert_columns_close, assert_equal_but_for_row, gpu, numbers, oracle,
-    tensor,
+    GRADIENT, Random, VALUE, assert_columns_close, assert_equal_but_for_row, gpu, most_at_once,
+    numbers, oracle, tensor,
 };
 
-const HIDDEN: usize = 64;
 const COLUMNS: usize = 19;
 
 /// How many points and columns there are, and what is asked for.
@@ -18,11 +18,14 @@ const COLUMNS: usize = 19;
 struct Case {
     n: usize,
     extra: usize,
+    hidden: usize,
     outputs: usize,
+    /// Added to all first columns of the geometry.
+    raw: f32,
     /// Rows for compositing, with stretched densities or without; colours where none.
     rows: Option<(RowConfig, usize)>,
-    /// A point whose geometry is no number.
-    spoilt: Option<usize>,
+    /// A point and a column of its geometry that is no number.
+    spoilt: Option<(usize, usize)>,
 }
 
 impl Case {
@@ -30,7 +33,9 @@ impl Case {
         Self {
             n,
             extra,
+            hidden: 64,
             outputs,
+            raw: 0.0,
             rows: None,
             spoilt: None,
         }
@@ -42,7 +47,7 @@ impl Case {
             "value" => self.outputs + if self.rows.is_some() { 3 } else { 0 },
             "geometry" => COLUMNS,
             "w1" => 6 + COLUMNS + self.extra,
-            "w2" | "w3" => HIDDEN,
+            "w2" | "w3" => self.hidden,
             _ => 1,
         }
     }
@@ -57,12 +62,28 @@ impl Case {
             ..self
         }
     }
+
+    fn raw(self, raw: f32) -> Self {
+        Self { raw, ..self }
+    }
+
+    fn check(&self, found: &[Vec<f64>], expected: &[Vec<f64>]) {
+        for ((name, found), expected) in NAMES.iter().zip(found).zip(expected) {
+            let tolerance = if *name == "value" { VALUE } else { GRADIENT };
+            let what = format!("{name}, {self:?}");
+            assert_columns_close(&what, found, expected, self.columns(name), tolerance);
+        }
+    }
 }
 
 /// The value, then the gradients of geometry, w1, b1, w2, b2, w3 and b3.
 fn run(device: &Device, case: Case, kernel: bool) -> Vec<Vec<f64>> {
     let Case {
-        n, extra, outputs, ..
+        n,
+        extra,
+        hidden,
+        outputs,
+        ..
     } = case;
     let device = &device.clone().autodiff();
     let mut random = Random(31);
@@ -77,12 +98,15 @@ fn run(device: &Device, case: Case, kernel: bool) -> Vec<Vec<f64>> {
             tensor(&scaled(outputs, 0.1), [outputs], device).require_grad(),
         )
     };
-    let (w1, b1) = layer(HIDDEN, inputs);
-    let (w2, b2) = layer(HIDDEN, HIDDEN);
-    let (w3, b3) = layer(outputs, HIDDEN);
+    let (w1, b1) = layer(hidden, inputs);
+    let (w2, b2) = layer(hidden, hidden);
+    let (w3, b3) = layer(outputs, hidden);
     let mut geometry = scaled(n * COLUMNS, 1.0);
-    if let Some(row) = case.spoilt {
-        geometry[row * COLUMNS + 5] = f32::NAN;
+    for row in geometry.chunks_exact_mut(COLUMNS) {
+        row[0] += case.raw;
+    }
+    if let Some((row, column)) = case.spoilt {
+        geometry[row * COLUMNS + column] = f32::NAN;
     }
     let geometry = tensor(&geometry, [n, COLUMNS], device).require_grad();
     let mut matrix = |columns: usize| tensor(&scaled(n * columns, 1.0), [n, columns], device);
@@ -140,16 +164,30 @@ fn values_and_gradients_are_the_references() {
         Case::colours(65, 0, 4).rows(Reading::Distance, 0.25, 0),
         Case::colours(300, 1, 3).rows(Reading::Density, 1.0, 1),
         Case::colours(1, 1, 3).rows(Reading::Density, 0.0, 0),
+        // At both ends of what densities may be, where they have no gradient.
+        Case::colours(65, 0, 3)
+            .rows(Reading::Density, 1.0, 1)
+            .raw(20.0),
+        Case::colours(65, 0, 3)
+            .rows(Reading::Density, 1.0, 0)
+            .raw(-20.0),
     ] {
-        let found = run(&gpu, case, true);
-        let expected = run(&oracle(), case, false);
-        for ((name, found), expected) in NAMES.iter().zip(&found).zip(&expected) {
-            let tolerance = if *name == "value" { VALUE } else { GRADIENT };
-            let what = format!("{name}, {case:?}");
-            let columns = case.columns(name);
-            assert_columns_close(&what, found, expected, columns, tolerance);
-        }
+        case.check(&run(&gpu, case, true), &run(&oracle(), case, false));
     }
+}
+
+#[test]
+fn more_points_than_are_taken_at_once() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let case = Case {
+        hidden: 8,
+        ..Case::colours((1 << 17) + 77, 1, 3).rows(Reading::Density, 1.0, 1)
+    };
+    assert!(case.n > most_at_once(&gpu), "one part");
+    // Against the CPU kernel, which has its own test against the reference.
+    case.check(&run(&gpu, case, true), &run(&Device::flex(), case, true));
 }
 
 /// A point that is no number spoils what comes of it, forward and backward, and no other point's.
@@ -159,10 +197,14 @@ fn a_point_that_is_no_number_spoils_its_own_row_alone() {
         return;
     };
     let clean = Case::colours(130, 1, 3);
-    for clean in [clean, clean.rows(Reading::Distance, 0.25, 0)] {
+    for (clean, column) in [
+        (clean, 5),
+        (clean.rows(Reading::Distance, 0.25, 0), 5),
+        (clean.rows(Reading::Density, 1.0, 1), 0),
+    ] {
         let row = 70;
         let spoilt = Case {
-            spoilt: Some(row),
+            spoilt: Some((row, column)),
             ..clean
         };
         let (found, without) = (run(&gpu, spoilt, true), run(&gpu, clean, true));
@@ -173,6 +215,8 @@ fn a_point_that_is_no_number_spoils_its_own_row_alone() {
         let columns = clean.columns("value");
         let own = &found[0][columns * row..columns * (row + 1)];
         assert!(own.iter().any(|value| value.is_nan()), "{own:?}");
+        // A density that is no number is no empty space.
+        assert!(column > 0 || own[row_column::FIRST].is_nan(), "{own:?}");
     }
 }
 

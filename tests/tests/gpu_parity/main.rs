@@ -26,6 +26,8 @@ mod occupancy;
 #[cfg(feature = "gpu")]
 mod primitives;
 #[cfg(feature = "gpu")]
+mod refusals;
+#[cfg(feature = "gpu")]
 mod row_losses;
 #[cfg(feature = "gpu")]
 mod sdf_field;

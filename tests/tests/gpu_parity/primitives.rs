@@ -12,19 +12,9 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 use cubecl::prelude::*;
 
 use crate::support::{
-    Random, VALUE, WithoutNativeSums, assert_close, gpu, native_sums, numbers, oracle, tensor,
+    Random, VALUE, WithoutNativeSums, assert_close, gpu, native_sums, numbers, on_gpu, oracle,
+    tensor,
 };
-
-/// A tensor of the device under test, as kernels see it.
-fn on_gpu(values: &[f32], shape: [usize; 2]) -> Option<CubeTensor> {
-    let device = gpu()?;
-    // By way of Burn for the client; then a tensor of its own.
-    let like = tensor(&[0.0], [1], &device);
-    let burn::backend::DispatchTensorKind::Cube(like) = like.into_dispatch().kind else {
-        panic!("the device under test is not CubeCL's");
-    };
-    Some(from_slice(&like.float(), values, shape))
-}
 
 /// What a sum or a copy gives is row-major too; rows that are apart are refused before a kernel takes them for others.
 #[test]
@@ -169,7 +159,15 @@ fn a_layer_of_any_size_is_its_matrix_product() {
     let Some(like) = on_gpu(&[0.0], [1, 1]) else {
         return;
     };
-    let sizes = [(1, 3, 1), (65, 35, 64), (1500, 64, 13), (9, 7, 60)];
+    // Points, inputs and outputs; the last ones are more of both than a workgroup's tile has, to and fro.
+    let sizes = [
+        (1, 3, 1),
+        (65, 35, 64),
+        (1500, 64, 13),
+        (9, 7, 60),
+        (65, 80, 72),
+        (130, 129, 136),
+    ];
     let both = [WeightReads::Cached, WeightReads::Shared];
     for ((n, inputs, outputs), reads) in sizes.iter().flat_map(|s| both.map(|r| (*s, r))) {
         let weights = Random(5).list(outputs * inputs);
@@ -252,7 +250,15 @@ fn gradients_of_layers_are_summed_over_any_number_of_points() {
     let Some(like) = on_gpu(&[0.0], [1, 1]) else {
         return;
     };
-    for (n, a, b) in [(0, 5, 7), (1, 5, 7), (255, 13, 65), (1000, 64, 36)] {
+    // Points, outputs, and inputs with the bias'; the last ones are more of both than a workgroup's tile has.
+    for (n, a, b) in [
+        (0, 5, 7),
+        (1, 5, 7),
+        (255, 13, 65),
+        (1000, 64, 36),
+        (65, 72, 81),
+        (130, 136, 130),
+    ] {
         let (left, lefts) = random_points(&like, a, n, 1);
         let (right, rights) = random_points(&like, b, n, 2);
         let (weights, bias) = layer_gradients(&left, &right);

@@ -138,3 +138,21 @@ fn poison_stays_where_it_is() {
     assert_same_numbers("sums", &sums, &expected_sums, VALUE);
     assert_same_numbers("gradient", &gradient, &expected_gradient, GRADIENT);
 }
+
+/// A row of weight 0 is not there, whatever it and what is known of it are.
+#[test]
+fn rows_without_weight_are_ignored_even_where_they_are_no_numbers() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let (n, row) = (300, 130);
+    let (clean, mut known) = (units(n * COLUMNS, 1), units(n * KNOWN, 2));
+    known[row * KNOWN + 4..(row + 1) * KNOWN].fill(0.0);
+    let [expected_sums, expected_gradient] = run(&clean, &known, &oracle(), false);
+    let mut rows = clean;
+    rows[row * COLUMNS..(row + 1) * COLUMNS].fill(f32::NAN);
+    known[row * KNOWN..row * KNOWN + 4].fill(f32::NAN);
+    let [sums, gradient] = run(&rows, &known, &gpu, true);
+    assert_close("sums", &sums, &expected_sums, VALUE);
+    assert_columns_close("gradient", &gradient, &expected_gradient, COLUMNS, GRADIENT);
+}

@@ -3,28 +3,46 @@
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use hashgrid::{GridConfig, GridLayout, Hash, SparseGrad, TableReads};
+use hashgrid::{GridConfig, GridLayout, Hash, Interpolation, SparseGrad, TableReads};
 use scene_decomp::sdf_field::{
-    Forward, Normal, SdfFieldConfig, SdfFieldWeights, reference, sdf_field,
+    Forward, Normal, SdfFieldConfig, SdfFieldWeights, Tape, reference, sdf_field,
 };
 
 use crate::support::{
     GRADIENT, Random, VALUE, WithoutNativeSums, assert_columns_close, assert_equal_but_for_row,
-    assert_same_numbers, gpu, halved, numbers, oracle, tensor,
+    assert_same_numbers, gpu, halved, most_at_once, numbers, oracle, tensor,
 };
 
-const HIDDEN: usize = 64;
 const OUTPUTS: usize = 16;
 /// Outputs and the normal.
 const COLUMNS: usize = OUTPUTS + 3;
 
+#[derive(Clone, Copy, Debug)]
 struct Case {
     n: usize,
     active: usize,
     normal: Normal,
     levels: usize,
+    hidden: usize,
+    interpolation: Interpolation,
     hash: Hash,
     reads: TableReads,
+}
+
+impl Default for Case {
+    /// A part of a workgroup.
+    fn default() -> Self {
+        Self {
+            n: 65,
+            active: 5,
+            normal: Normal::Computed,
+            levels: 5,
+            hidden: 64,
+            interpolation: Interpolation::Linear,
+            hash: Hash::Nodes,
+            reads: TableReads::Single,
+        }
+    }
 }
 
 impl Case {
@@ -34,6 +52,7 @@ impl Case {
             base_resolution: 4,
             finest_resolution: 40,
             log2_table_size: 10,
+            interpolation: self.interpolation,
             hash: self.hash,
             device_reads: self.reads,
             ..GridConfig::default()
@@ -55,7 +74,7 @@ impl Case {
     /// With the table as kernels on GPUs read it, if wanted.
     fn weights(&self, device: &Device, as_read: bool) -> SdfFieldWeights {
         let mut random = Random(7);
-        let inputs = 3 + 2 * self.levels;
+        let (inputs, hidden) = (3 + 2 * self.levels, self.hidden);
         let mut scaled = |count: usize, scale: f32| -> Vec<f32> {
             random.list(count).iter().map(|v| scale * v).collect()
         };
@@ -66,9 +85,9 @@ impl Case {
         }
         SdfFieldWeights {
             table: tensor(&table, [entries, 2], device).require_grad(),
-            w1: tensor(&scaled(HIDDEN * inputs, 0.4), [HIDDEN, inputs], device).require_grad(),
-            b1: tensor(&scaled(HIDDEN, 0.2), [HIDDEN], device).require_grad(),
-            w2: tensor(&scaled(OUTPUTS * HIDDEN, 0.3), [OUTPUTS, HIDDEN], device).require_grad(),
+            w1: tensor(&scaled(hidden * inputs, 0.4), [hidden, inputs], device).require_grad(),
+            b1: tensor(&scaled(hidden, 0.2), [hidden], device).require_grad(),
+            w2: tensor(&scaled(OUTPUTS * hidden, 0.3), [OUTPUTS, hidden], device).require_grad(),
             b2: tensor(&scaled(OUTPUTS, 0.2), [OUTPUTS], device).require_grad(),
         }
     }
@@ -126,45 +145,64 @@ impl Case {
             ("table", 2),
             ("w1", 3 + 2 * self.levels),
             ("b1", 1),
-            ("w2", HIDDEN),
+            ("w2", self.hidden),
             ("b2", 1),
         ];
         for (((name, columns), found), expected) in parts.iter().zip(found).zip(expected) {
-            let what = format!(
-                "{name}, {} points, {} of {} levels, {:?}, {:?}, {:?}",
-                self.n, self.active, self.levels, self.normal, self.hash, self.reads
-            );
+            let what = format!("{name}, {self:?}");
             let tolerance = if *name == "value" { VALUE } else { GRADIENT };
             assert_columns_close(&what, found, expected, *columns, tolerance);
         }
     }
 }
 
-fn cases() -> [Case; 7] {
+fn cases() -> [Case; 9] {
+    let zero = Case {
+        normal: Normal::Zero,
+        ..Case::default()
+    };
+    let many = Case {
+        n: 300,
+        ..Case::default()
+    };
+    let levels = Case {
+        active: 9,
+        levels: 9,
+        hash: Hash::Blocks,
+        ..many
+    };
     [
-        (1, 5, Normal::Computed, 5, Hash::Nodes, TableReads::Single),
-        (65, 2, Normal::Zero, 5, Hash::Blocks, TableReads::Single),
-        (300, 3, Normal::Computed, 5, Hash::Nodes, TableReads::Single),
-        (
-            300,
-            9,
-            Normal::Computed,
-            9,
-            Hash::Blocks,
-            TableReads::Single,
-        ),
-        (1000, 5, Normal::Zero, 5, Hash::Nodes, TableReads::Single),
-        (65, 2, Normal::Zero, 5, Hash::Nodes, TableReads::Half),
-        (300, 9, Normal::Computed, 9, Hash::Blocks, TableReads::Half),
-    ]
-    .map(|(n, active, normal, levels, hash, reads)| Case {
-        n,
-        active,
-        normal,
+        Case {
+            n: 1,
+            ..Case::default()
+        },
+        Case {
+            active: 2,
+            hash: Hash::Blocks,
+            ..zero
+        },
+        Case { active: 3, ..many },
         levels,
-        hash,
-        reads,
-    })
+        Case { n: 1000, ..zero },
+        Case {
+            active: 2,
+            reads: TableReads::Half,
+            ..zero
+        },
+        Case {
+            reads: TableReads::Half,
+            ..levels
+        },
+        Case {
+            interpolation: Interpolation::Smoothstep,
+            ..many
+        },
+        Case {
+            interpolation: Interpolation::Smoothstep,
+            reads: TableReads::Half,
+            ..levels
+        },
+    ]
 }
 
 #[test]
@@ -211,21 +249,56 @@ fn a_sparse_gradient_collects_from_call_to_call() {
 }
 
 #[test]
-fn more_points_than_one_chunk_of_rows() {
+fn more_points_than_are_taken_at_once() {
     let Some(gpu) = gpu() else {
         return;
     };
     let case = Case {
-        n: 33_000,
-        active: 3,
-        normal: Normal::Computed,
-        levels: 3,
+        n: (1 << 17) + 77,
+        active: 2,
+        levels: 2,
+        hidden: 8,
         hash: Hash::Blocks,
-        reads: TableReads::Single,
+        ..Case::default()
     };
+    assert!(case.n > most_at_once(&gpu), "one part");
     // Against the CPU kernel, which has its own test against the reference.
     let found = case.run(&gpu, true, None);
     case.check(&found, &case.run(&Device::flex(), true, None));
+}
+
+/// A GPU writes nothing down, and computes what would be taken from an empty tape.
+#[test]
+fn a_tape_stays_empty_and_is_done_without() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let case = Case::default();
+    let device = &gpu.autodiff();
+    let points = tensor(
+        &Random(11).coordinates(3 * case.n, 2.0),
+        [case.n, 3],
+        device,
+    );
+    let weights = case.weights(device, false);
+    let config = |forward| SdfFieldConfig {
+        forward,
+        ..case.config(None)
+    };
+    let tape = Tape::default();
+    let constants = SdfFieldWeights {
+        table: weights.table.clone().inner(),
+        w1: weights.w1.clone().inner(),
+        b1: weights.b1.clone().inner(),
+        w2: weights.w2.clone().inner(),
+        b2: weights.b2.clone().inner(),
+    };
+    let taped = config(Forward::Taped(tape.clone()));
+    let looked = sdf_field(points.clone().inner(), constants, taped);
+    let rows = tape.finish();
+    assert!(rows.is_empty());
+    let learnt = sdf_field(points, weights, config(Forward::FromTape(rows)));
+    assert_eq!(numbers(looked), numbers(learnt));
 }
 
 #[test]

@@ -6,6 +6,7 @@
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use burn::tensor::{Device, FloatDType, Tensor, TensorData};
+use gpu_tensors::{CubeTensor, from_slice, points_at_once};
 
 use crate::say;
 
@@ -160,6 +161,25 @@ pub(crate) fn tensor<const D: usize>(
 ) -> Tensor<D> {
     let values: Vec<f64> = values.iter().map(|v| f64::from(*v)).collect();
     Tensor::from_data(TensorData::new(values, shape), device)
+}
+
+/// A tensor of the device under test, as kernels see it.
+pub(crate) fn on_gpu<const D: usize>(values: &[f32], shape: [usize; D]) -> Option<CubeTensor> {
+    // By way of Burn for the client; then a tensor of its own.
+    let like = cube_tensor(tensor(&[0.0], [1], &gpu()?));
+    Some(from_slice(&like, values, shape))
+}
+
+fn cube_tensor<const D: usize>(tensor: Tensor<D>) -> CubeTensor {
+    let burn::backend::DispatchTensorKind::Cube(tensor) = tensor.into_dispatch().kind else {
+        panic!("the device under test is not CubeCL's");
+    };
+    tensor.float()
+}
+
+/// The most points that an op takes at once on a device, however little it needs for each.
+pub(crate) fn most_at_once(device: &Device) -> usize {
+    points_at_once(&cube_tensor(tensor(&[0.0], [1], device)), 1)
 }
 
 /// A tensor's values.

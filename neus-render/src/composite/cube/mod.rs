@@ -20,7 +20,7 @@ use gpu_tensors::{
 use super::{
     CompositeConfig, CompositeOps, MatteRole, Packing, Transparency,
     autodiff::{CompositeBackwardOps, CompositeGradients},
-    column,
+    check_shapes, column,
 };
 use cubecl::prelude::*;
 use interval::NO_ROW;
@@ -38,6 +38,7 @@ impl CompositeOps for Cube {
         packing: Arc<Packing>,
         config: CompositeConfig,
     ) -> FloatTensor<Self> {
+        check([&object, &background, &sharpness], &packing);
         let out = fresh(&sharpness, [packing.ray_count(), column::COUNT]);
         if packing.ray_count() == 0 {
             return out;
@@ -46,7 +47,8 @@ impl CompositeOps for Cube {
         let (count, dim) = units_for(client, packing.ray_count() * UNITS);
         let batch = Batch::new(&packing, config, [&object, &background]);
         let lists = packing.on_device.lists(&packing, &out);
-        // SAFETY: workgroups beyond the rays read and write nothing, and a packing is checked when made.
+        // SAFETY: workgroups beyond the rays read and write nothing, a packing is checked when made, and `check` has seen
+        // that the rows are its own.
         unsafe {
             forward::forward_kernel::launch_unchecked(
                 client,
@@ -77,7 +79,13 @@ impl CompositeBackwardOps for Cube {
         config: CompositeConfig,
     ) -> CompositeGradients<Self> {
         let [object, background, sharpness] = inputs;
+        check([&object, &background, &sharpness], &packing);
         let rays = packing.ray_count();
+        assert_eq!(
+            grad.meta.shape()[..],
+            [rays, column::COUNT],
+            "composite: the pixels' gradient"
+        );
         let batch = Batch::new(&packing, config, [&object, &background]);
         let d_object = zeros(
             &sharpness,
@@ -123,6 +131,11 @@ impl CompositeBackwardOps for Cube {
             sharpness: column_sums(&d_sharpness, 0, 2),
         }
     }
+}
+
+/// [`check_shapes`] for a device's tensors.
+fn check(tensors: [&CubeTensor; 3], packing: &Packing) {
+    check_shapes(tensors.map(|tensor| &tensor.meta.shape()[..]), packing);
 }
 
 /// A field's rows as a kernel's argument: there must be something to bind.

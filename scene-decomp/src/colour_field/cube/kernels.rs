@@ -140,11 +140,11 @@ fn normal_length(at: &Seen) -> f32 {
 /// The density that an sdf stands for.
 #[cube]
 fn density(sdf: f32, stretch: &[f32], point: usize, #[comptime] sizes: Sizes) -> f32 {
-    let log = clamp(
-        -sdf,
-        comptime!(LEAST_LOG_DENSITY),
-        comptime!(MOST_LOG_DENSITY),
-    );
+    let log = -sdf;
+    let least = comptime!(LEAST_LOG_DENSITY);
+    let most = comptime!(MOST_LOG_DENSITY);
+    // `clamp` may drop what is no number.
+    let log = select(log > most, most, select(log < least, least, log));
     let mut density = log.exp();
     if comptime!(sizes.stretched) {
         density *= stretch[point];

@@ -12,8 +12,8 @@ use gpu_tensors::{
 };
 
 use super::backward::{Arguments, ColourFieldBackward};
-use super::{ColourFieldOps, Output, Reading};
-use crate::cube::{Sum, chunks};
+use super::{ColourFieldOps, Output, Reading, check};
+use crate::cube::{Sum, chunks, expect_reachable};
 use kernels::{Form, Sizes, finish_kernel, geometry_kernel, input_kernel, outputs_kernel};
 
 /// What backward needs: the op's inputs.
@@ -44,16 +44,25 @@ impl Saved {
             b2,
             w3,
             b3,
-        ] = arguments.map(contiguous);
-        Self {
-            geometry,
-            points,
-            directions,
-            extra,
-            stretch,
-            weights: [w1, b1, w2, b2, w3, b3],
+        ] = arguments;
+        check(
+            [&geometry, &points, &directions, &extra, &stretch].map(|t| &t.meta.shape()[..]),
+            [&w1, &w2, &w3].map(|t| &t.meta.shape()[..]),
+            [&b1, &b2, &b3].map(|t| &t.meta.shape()[..]),
+        );
+        let saved = Self {
+            geometry: contiguous(geometry),
+            points: contiguous(points),
+            directions: contiguous(directions),
+            extra: contiguous(extra),
+            stretch: contiguous(stretch),
+            weights: [w1, b1, w2, b2, w3, b3].map(contiguous),
             output,
-        }
+        };
+        let sizes = saved.sizes();
+        let columns = sizes.geometry.max(sizes.extra).max(sizes.columns());
+        expect_reachable("colour_field", saved.points(), columns);
+        saved
     }
 
     fn points(&self) -> usize {
@@ -118,7 +127,7 @@ impl Saved {
             let [.., y] = self.activations(&layers, first, count);
             let client = &out.client;
             let (cubes, dim) = units_for(client, count);
-            // SAFETY: threads beyond the points return at once; `colour_field` has checked the shapes.
+            // SAFETY: threads beyond the points return at once; `check` has seen the shapes.
             unsafe {
                 finish_kernel::launch_unchecked(
                     client,
@@ -151,7 +160,7 @@ impl Saved {
         let x = PointMatrix::fresh(&self.points, sizes.inputs() + 1, padded(count));
         let client = &self.points.client;
         let (cubes, dim) = units_for(client, x.points * x.rows);
-        // SAFETY: threads beyond the rows return at once; `colour_field` has checked the shapes.
+        // SAFETY: threads beyond the rows return at once; `check` has seen the shapes.
         unsafe {
             input_kernel::launch_unchecked(
                 client,
@@ -267,8 +276,13 @@ impl ColourFieldBackward for Cube {
         saved: Self::Saved,
         grad: FloatTensor<Self>,
     ) -> [FloatTensor<Self>; 7] {
-        let grad = contiguous(grad);
         let (n, sizes) = (saved.points(), saved.sizes());
+        assert_eq!(
+            grad.meta.shape()[..],
+            [n, sizes.columns()],
+            "colour_field: the result's gradient"
+        );
+        let grad = contiguous(grad);
         let geometry = fresh(&saved.points, [n, sizes.geometry]);
         let [w1, _, w2, _, w3, _] = &saved.weights;
         let layers = [saved.layers(), [w1, w2, w3].map(Packed::backward)];

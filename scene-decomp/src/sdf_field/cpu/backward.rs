@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use hashgrid::{GridLayout, cpu as grid};
+use hashgrid::{FEATURES, GridLayout, cpu as grid};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use tensor_slices::{Scratch, Stopwatch};
@@ -169,15 +169,12 @@ fn scatter_table(saved: &Saved, scatter: Scratch, dense: DenseTable) -> Option<V
         return None;
     }
     let mut table = vec![0.0; saved.table_len];
-    let mut rest = table.as_mut_slice();
-    let mut slices = Vec::with_capacity(active);
-    for level in &saved.config.layout.levels[..active] {
-        let (grad, tail) = rest.split_at_mut(2 * level.entries);
-        slices.push(grad);
-        rest = tail;
-    }
-    slices
+    saved
+        .config
+        .layout
+        .split_levels_mut(&mut table, FEATURES)
         .into_par_iter()
+        .take(active)
         .enumerate()
         .for_each(|(level, grad)| gradient.add(level, grad, None));
     Some(table)

@@ -8,7 +8,8 @@ use super::passes::{Computed, Passes, Recording};
 /// Forward passes over points that are asked about bit by bit, with what backward needs of each.
 ///
 /// Whoever looks first, and learns from what turned out to be worth it, has every point computed once: see
-/// [`Forward`](crate::sdf_field::Forward). Clones write to the same tape. The CPU's kernels do, GPUs' do not.
+/// [`Forward`](crate::sdf_field::Forward). Clones write to the same tape. The CPU's kernels do, GPUs' do not
+/// and leave it empty.
 #[derive(Clone, Debug, Default)]
 pub struct Tape(Arc<Mutex<Written>>);
 

@@ -3,7 +3,7 @@
 //! Matrices are [`gpu_tensors::PointMatrix`], `across` their points. With normals, backward's are twice
 //! as wide: beside a point's own column is a second one, of its normal's gradient.
 
-use gpu_tensors::{AtomicSum, LANES, Quad, cubecl, sigmoid, softplus};
+use gpu_tensors::{AtomicSum, LANES, Quad, cubecl, padded, sigmoid, softplus};
 use hashgrid::FEATURES;
 use hashgrid::cube::{Entries, FeatureGradient, blend, locate, scatter};
 
@@ -27,6 +27,13 @@ impl Sizes {
     /// Rows of the Jacobian: by x, y and z for each feature.
     pub(super) fn derivatives(self) -> usize {
         if self.normal { 6 * self.levels } else { 1 }
+    }
+
+    /// Rows of the largest matrix, padding included, as if all were as wide as there are points: with normals,
+    /// backward's are twice as wide, and each is padded before that.
+    pub(super) fn most_rows(self) -> usize {
+        let widest = self.hidden.max(self.inputs()).max(self.outputs) + 1;
+        (2 * padded(widest)).max(self.derivatives())
     }
 }
 
@@ -339,5 +346,44 @@ pub(super) fn scatter_kernel<A: AtomicSum>(
             d.value = dx[k * across + point];
         }
         scatter::<A>(table, &cell, feature, &d);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gpu_tensors::points_within;
+
+    /// 128 MiB are what many devices bind at most.
+    #[test]
+    fn matrices_of_any_width_can_be_bound() {
+        let bytes: u64 = 128 << 20;
+        for (hidden, levels, outputs) in [
+            (64, 16, 16),
+            (128, 16, 16),
+            (256, 16, 16),
+            (512, 16, 16),
+            (1024, 16, 16),
+            (16, 64, 16),
+            (16, 2, 1024),
+        ] {
+            let sizes = Sizes {
+                levels,
+                hidden,
+                outputs,
+                normal: true,
+                smooth: false,
+            };
+            let points = points_within(bytes, sizes.most_rows());
+            for (rows, wide) in [
+                (sizes.hidden + 1, 2),
+                (sizes.inputs() + 1, 2),
+                (sizes.outputs, 2),
+                (sizes.derivatives(), 1),
+            ] {
+                let size = (padded(rows) * wide * points * size_of::<f32>()) as u64;
+                assert!(size <= bytes, "{sizes:?}: {rows} rows take {size} bytes");
+            }
+        }
     }
 }

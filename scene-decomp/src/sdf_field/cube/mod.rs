@@ -15,8 +15,8 @@ use hashgrid::TableReads;
 use hashgrid::cube::{DeviceTable, Entries, Half, Single, is_smooth, level_words};
 
 use super::backward::{DenseTable, SdfFieldBackward, SdfFieldGradients};
-use super::{Normal, SdfFieldConfig, SdfFieldOps};
-use crate::cube::chunks;
+use super::{Normal, SdfFieldConfig, SdfFieldOps, check};
+use crate::cube::{chunks, expect_reachable};
 use gradients::gradients;
 use kernels::{Sizes, activate_kernel, encode_kernel, finish_kernel};
 
@@ -54,10 +54,7 @@ impl Saved {
 
     /// Points whose activations are in memory at once: at the default sizes 2.4 kB each on the way back.
     fn at_once(&self) -> usize {
-        let sizes = self.sizes();
-        // With normals, backward's matrices are twice as wide.
-        let widest = 2 * sizes.hidden.max(sizes.inputs()).max(sizes.outputs) + 2;
-        points_at_once(&self.points, widest.max(sizes.derivatives()))
+        points_at_once(&self.points, self.sizes().most_rows())
     }
 
     /// Inputs of the network that are not zero, the bias' aside.
@@ -134,7 +131,7 @@ impl Saved {
         let client = &self.points.client;
         let (cubes, dim) = units_for(client, across * sizes.levels);
         // SAFETY: threads beyond the levels return at once; `level_words` has checked the levels, and
-        // `sdf_field` the shapes.
+        // `check` the shapes.
         unsafe {
             encode_kernel::launch_unchecked::<E>(
                 client,
@@ -210,6 +207,13 @@ impl SdfFieldBackward for Cube {
         b2: FloatTensor<Self>,
         config: SdfFieldConfig,
     ) -> (FloatTensor<Self>, Self::Saved) {
+        check(
+            points.meta.shape(),
+            [&table, &w1, &b1, &w2, &b2].map(|tensor| &tensor.meta.shape()[..]),
+            &config,
+        );
+        let (n, outputs) = (points.shape()[0], b2.shape()[0]);
+        expect_reachable("sdf_field", n, outputs + 3);
         let saved = Saved {
             points: contiguous(points),
             table: DeviceTable::new(table, &config.layout),
@@ -227,6 +231,12 @@ impl SdfFieldBackward for Cube {
         grad: FloatTensor<Self>,
         dense_table: DenseTable,
     ) -> SdfFieldGradients<Self> {
+        let expected = [saved.points.shape()[0], saved.outputs() + 3];
+        assert_eq!(
+            grad.meta.shape()[..],
+            expected,
+            "sdf_field: the result's gradient"
+        );
         let grad = contiguous(grad);
         match &saved.config.sparse {
             Some(sparse) => sparse.accumulate_on_device(&saved.points, |table| {
