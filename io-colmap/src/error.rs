@@ -95,6 +95,17 @@ pub enum ColmapError {
 }
 
 impl ColmapError {
+    /// The file or folder that it speaks of, for whoever knows it by another name: a copy that does not last, say.
+    #[must_use]
+    pub fn path_mut(&mut self) -> &mut PathBuf {
+        match self {
+            Self::Io { path, .. }
+            | Self::Format { path, .. }
+            | Self::Scene { path, .. }
+            | Self::Mask { path, .. } => path,
+        }
+    }
+
     pub(crate) fn io(action: &'static str, path: &Path, source: io::Error) -> Self {
         Self::Io {
             action,

@@ -47,6 +47,14 @@ pub fn without_ending(path: &str) -> &str {
     }
 }
 
+/// The first two of these paths that differ only in their ending, and so in nothing that a mask or a result is named by.
+pub fn alike_without_ending<'a>(paths: impl IntoIterator<Item = &'a str>) -> Option<[&'a str; 2]> {
+    let mut known = HashMap::new();
+    paths
+        .into_iter()
+        .find_map(|path| Some([known.insert(without_ending(path), path)?, path]))
+}
+
 fn split_folder(path: &str) -> (&str, &str) {
     path.rfind('/').map_or(("", path), |i| path.split_at(i + 1))
 }
@@ -112,6 +120,7 @@ fn by_name(photos: &[&str], masks: &[String]) -> Option<Matches> {
             by_key.insert(without_ending(mask), i);
         }
     }
+    let by_end = by_end(by_key.iter().map(|(key, i)| (*key, *i)));
     let mut bare_count: HashMap<&str, usize> = HashMap::new();
     for photo in photos {
         *bare_count
@@ -121,18 +130,19 @@ fn by_name(photos: &[&str], masks: &[String]) -> Option<Matches> {
     let find = |photo: &str, key: Naming| -> Option<usize> {
         let (folder, name) = split_folder(photo);
         let wanted = key(without_ending(name), name);
+        let whole = format!("{folder}{wanted}");
+        let without_folder = || {
+            // Only where that cannot be mistaken.
+            let unique = !folder.is_empty() && bare_count.get(without_ending(name)) == Some(&1);
+            unique.then(|| by_key.get(wanted.as_str()).copied())?
+        };
+        // Masks may lie in folders that photos' names leave out, as all of them are in these.
+        let in_folder = || by_end.get(whole.as_str()).copied().flatten();
         by_key
-            .get(format!("{folder}{wanted}").as_str())
+            .get(whole.as_str())
             .copied()
-            .or_else(|| {
-                // Without the sub-folder only where that cannot be mistaken.
-                let unique = !folder.is_empty() && bare_count.get(without_ending(name)) == Some(&1);
-                if unique {
-                    by_key.get(wanted.as_str()).copied()
-                } else {
-                    None
-                }
-            })
+            .or_else(without_folder)
+            .or_else(in_folder)
     };
     let mut schemes: Vec<(usize, &str, Naming)> = SCHEMES
         .iter()
@@ -163,6 +173,19 @@ fn by_name(photos: &[&str], masks: &[String]) -> Option<Matches> {
         how,
         guess: None,
     })
+}
+
+/// Masks by the ends of their paths that leave out folders; `None` where several share one.
+fn by_end<'a>(masks: impl Iterator<Item = (&'a str, usize)>) -> HashMap<&'a str, Option<usize>> {
+    let mut ends = HashMap::new();
+    for (path, i) in masks {
+        for (at, _) in path.match_indices('/') {
+            ends.entry(&path[at + 1..])
+                .and_modify(|known| *known = None)
+                .or_insert(Some(i));
+        }
+    }
+    ends
 }
 
 /// Numbered files whose padding or prefix differs: `frame_000.jpg` and `00000.png`.
@@ -306,6 +329,43 @@ mod tests {
             pairs(&["c1/a.jpg", "c2/b.jpg"], &["b.png"]),
             Some(vec![None, Some(0)])
         );
+    }
+
+    #[test]
+    fn folders_that_photos_do_not_have_are_passed_over_unless_they_decide() {
+        let photos = ["a.jpg", "b.jpg"];
+        assert_eq!(
+            pairs(&photos, &["cam1/b.png", "cam1/x.png"]),
+            Some(vec![None, Some(0)])
+        );
+        assert_eq!(
+            pairs(&photos, &["cam1/a.png", "cam2/a.png", "cam1/b_mask.png"]),
+            Some(vec![None, Some(2)])
+        );
+        // One that lies beside it is the photo's own.
+        assert_eq!(
+            pairs(&photos, &["cam1/a.png", "a.png"]),
+            Some(vec![Some(1), None])
+        );
+        assert_eq!(
+            pairs(&["c1/a.jpg", "c2/a.jpg"], &["images/c2/a.png", "c3/a.png"]),
+            Some(vec![None, Some(0)])
+        );
+        // Of two endings one is taken, as anywhere.
+        assert_eq!(
+            pairs(&photos, &["cam1/a.jpg", "cam1/a.png"]),
+            Some(vec![Some(1), None])
+        );
+    }
+
+    #[test]
+    fn paths_that_differ_in_their_ending_are_alike() {
+        let alike = |paths: &[&'static str]| alike_without_ending(paths.iter().copied());
+        assert_eq!(
+            alike(&["b.jpg", "a/1.jpg", "c.png", "a/1.png"]),
+            Some(["a/1.jpg", "a/1.png"])
+        );
+        assert_eq!(alike(&["a/1.jpg", "b/1.jpg", "a/1.jpg.png"]), None);
     }
 
     #[test]

@@ -1,18 +1,16 @@
 //! A folder of masks: found, matched to the photos, and understood.
 
-use crate::error::{ColmapError, remedy};
-use crate::listing::Search;
+use crate::error::ColmapError;
+use crate::listing::Listing;
+use crate::mask_files::MaskFiles;
 use crate::mask_kind::MaskKind;
-use crate::mask_names::{Whole, match_masks};
 use crate::mask_pixels::{MaskPixels, Reading, decode};
 use crate::model::View;
-use crate::photo::PICTURE_ENDINGS;
 use crate::photo_likeness::{is_like_photo, refuse_photos};
 use crate::polarity::{Polarity, Share, decide};
 use crate::scene::{Scene, same_shape};
 use image::GrayImage;
 use rayon::prelude::*;
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// An 8-bit image with one channel.
@@ -20,13 +18,6 @@ pub type GreyImage = GrayImage;
 
 /// What is as bright as this is white.
 const WHITE: u8 = 128;
-
-/// Pictures below the mask folder and below that of the photos.
-const PICTURES: Search<'static> = Search {
-    depth: 4,
-    endings: &PICTURE_ENDINGS,
-    mask_folders: true,
-};
 
 /// The masks of a scene; photos without one are fine.
 #[derive(Debug, Clone)]
@@ -100,7 +91,19 @@ impl MaskSet {
     /// [`ColmapError::Mask`] where nothing matches, a picture cannot be read or has another shape than its photo, or
     /// most of them look like photos.
     pub fn find_ignored(dir: &Path, scene: &Scene) -> Result<MaskSet, ColmapError> {
-        let files = MaskFiles::find_kind(dir, scene, MaskKind::Ignored)?;
+        Self::find_ignored_among(dir, scene, &Listing::default())
+    }
+
+    /// As [`MaskSet::find_ignored`], with `others` as of [`MaskFiles::find_among`].
+    ///
+    /// # Errors
+    /// As [`MaskSet::find_ignored`].
+    pub fn find_ignored_among(
+        dir: &Path,
+        scene: &Scene,
+        others: &Listing,
+    ) -> Result<MaskSet, ColmapError> {
+        let files = MaskFiles::find_kind(dir, scene, others, MaskKind::Ignored)?;
         Self::look_into(dir, files, scene, None, MaskKind::Ignored)
     }
 
@@ -220,113 +223,6 @@ impl MaskSet {
             reading,
             of_cutouts,
             kind,
-        })
-    }
-}
-
-/// Which file is whose mask, as far as names tell; what is in them has not been looked at.
-#[derive(Debug, Clone)]
-pub struct MaskFiles {
-    /// Parallel to the views of [`Scene::model`]; `None` where a photo has no mask.
-    pub paths: Vec<Option<PathBuf>>,
-    /// How they were matched, in a few words.
-    pub how: String,
-    /// What a user should know about that, a sentence each.
-    pub notes: Vec<String>,
-}
-
-impl MaskFiles {
-    /// Whether a folder is there with a picture in it, or with something that cannot be read and may be one.
-    #[must_use]
-    pub fn are_in(dir: &Path) -> bool {
-        dir.is_dir()
-            && PICTURES.list(dir).map_or(true, |listing| {
-                !(listing.names.is_empty() && listing.closed.is_empty())
-            })
-    }
-
-    /// Matches the pictures in `dir` to the scene's photos by the names that tools give masks.
-    ///
-    /// # Errors
-    /// [`ColmapError::Mask`] where nothing matches.
-    pub fn find(dir: &Path, scene: &Scene) -> Result<MaskFiles, ColmapError> {
-        Self::find_kind(dir, scene, MaskKind::Masks)
-    }
-
-    fn find_kind(dir: &Path, scene: &Scene, kind: MaskKind) -> Result<MaskFiles, ColmapError> {
-        let (one, many) = (kind.one(), kind.many());
-        let views = &scene.model.views;
-        let photos: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
-        let list = |dir: &Path| {
-            let listed = PICTURES.list(dir);
-            listed.map_err(|e| ColmapError::io("list", dir, e))
-        };
-        let mut listing = list(dir)?;
-        let mut files = std::mem::take(&mut listing.names);
-        // What cannot be read of these has none of the scene's registered photos: they were opened.
-        let mut photo_listing = list(&scene.image_dir)?;
-        let mut all_photos = std::mem::take(&mut photo_listing.names);
-        if let (Ok(dir), Ok(images)) = (dir.canonicalize(), scene.image_dir.canonicalize()) {
-            if dir == images {
-                let registered: HashSet<&str> = photos.iter().copied().collect();
-                files.retain(|file| !registered.contains(file.as_str()));
-            }
-            // Masks below the photo folder are not photos, whose numbers they might resemble.
-            all_photos.retain(|file| !images.join(file).starts_with(&dir));
-        }
-        if files.is_empty() {
-            let what = format!("the folder holds no {many} (PNG, JPEG, WebP or TIFF files)");
-            return Err(match listing.closed.first() {
-                Some((closed, error)) => ColmapError::mask(
-                    dir,
-                    format!(
-                        "{what}, and its sub-folder {} cannot be read ({error})",
-                        closed.display()
-                    ),
-                    remedy(error),
-                ),
-                None => ColmapError::mask(dir, what, format!("give the folder the {many} lie in")),
-            });
-        }
-        let about_masks = listing.notes(many);
-        let about_photos = photo_listing.notes("photos");
-        let whole = Whole {
-            all_photos: about_photos.is_empty(),
-            masks: about_masks.is_empty(),
-        };
-        let Some(matches) = match_masks(&photos, &all_photos, &files, whole) else {
-            let mut what = format!(
-                "none of the {} {many} (such as {:?}) can be matched to one of the {} photos (such as {:?})",
-                files.len(),
-                files[0],
-                photos.len(),
-                photos.first().copied().unwrap_or_default()
-            );
-            let mut remedy = format!("name each {one} like its photo, with the ending .png");
-            if let Some(unknown) = about_masks.iter().chain(&about_photos).next() {
-                what.push_str(&format!(", and their order is not known: {unknown}"));
-                remedy = format!("make all of them readable, or {remedy}");
-            }
-            return Err(ColmapError::mask(dir, what, remedy));
-        };
-        let paths: Vec<Option<PathBuf>> = matches
-            .mask_of
-            .iter()
-            .map(|m| m.map(|i| dir.join(&files[i])))
-            .collect();
-        let mut notes: Vec<String> = matches.guess.into_iter().collect();
-        notes.extend(about_masks);
-        let unused = files.len() - paths.iter().flatten().count();
-        if unused > 0 {
-            notes.push(format!(
-                "{unused} files in {} belong to no registered photo",
-                dir.display()
-            ));
-        }
-        Ok(MaskFiles {
-            paths,
-            how: matches.how,
-            notes,
         })
     }
 }

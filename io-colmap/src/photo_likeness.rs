@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use image::{DynamicImage, GenericImageView as _};
 
 use crate::error::ColmapError;
+use crate::mask_files::MaskFiles;
 use crate::mask_kind::MaskKind;
 use crate::mask_pixels::{MaskPixels, decode};
-use crate::masks::MaskFiles;
 
 /// Looked at are no more than this many pixels a side.
 const GRID: u32 = 256;

@@ -44,6 +44,7 @@ mod tests {
             assert!((back - f32::from(byte)).abs() < 1e-3, "{byte}: {back}");
         }
         assert_eq!(srgb_from_linear(f32::NAN), 0.0);
-        assert_eq!(srgb_from_linear(7.0), 1.0);
+        // As near as single precision comes.
+        assert!((srgb_from_linear(7.0) - 1.0).abs() < 1e-6);
     }
 }

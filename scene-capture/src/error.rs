@@ -81,11 +81,69 @@ impl CaptureError {
         }
     }
 
+    /// The same about files that last, where `draft` is what will be `out`. Photos in it are copies of the `originals`.
+    pub(crate) fn outside(mut self, draft: &Path, out: &Path, originals: Option<&Path>) -> Self {
+        let is_about_photo = matches!(self, Self::Colmap(ColmapError::Scene { .. }));
+        let path = match &mut self {
+            Self::Failed { what, .. } => {
+                let [inner, outer] = [draft, out].map(|path| path.display().to_string());
+                *what = what.replace(&inner, &outer);
+                return self;
+            }
+            Self::Io { path, .. } | Self::Content { path, .. } => path,
+            Self::Colmap(error) => error.path_mut(),
+            Self::Missing { .. } | Self::TooOld { .. } | Self::Interrupted => return self,
+        };
+        if let Ok(inner) = path.strip_prefix(draft) {
+            let photo = inner.strip_prefix("images").ok().zip(originals);
+            *path = match photo.filter(|_| is_about_photo) {
+                Some((name, originals)) => originals.join(name),
+                None => out.join(inner),
+            };
+        }
+        self
+    }
+
     pub(crate) fn bad(path: &Path, what: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self::Content {
             path: path.to_path_buf(),
             what: what.into(),
             remedy: remedy.into(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_name_files_that_last() {
+        let (draft, out) = (Path::new("a/.sos-partial-x"), Path::new("a/scene"));
+        let said = |error: CaptureError| {
+            let error = error.outside(draft, out, Some(Path::new("photos")));
+            error.to_string()
+        };
+        let full = || std::io::ErrorKind::StorageFull.into();
+        let photo = draft.join("images/left/a.jpg");
+        let written = CaptureError::io("create", &photo, full());
+        assert!(said(written).contains("a/scene/images/left/a.jpg"));
+        let database = CaptureError::Failed {
+            program: PathBuf::from("colmap"),
+            task: "finding poses",
+            what: "cannot open a/.sos-partial-x/work/database.db".to_owned(),
+            remedy: "free some space".to_owned(),
+        };
+        assert!(said(database).contains("(cannot open a/scene/work/database.db)"));
+        let read = |path: &Path| {
+            said(CaptureError::Colmap(ColmapError::Scene {
+                path: path.to_owned(),
+                what: "it is damaged".to_owned(),
+                remedy: "copy it again".to_owned(),
+            }))
+        };
+        assert!(read(&photo).starts_with("photos/left/a.jpg: "));
+        assert!(read(&draft.join("sparse/0")).starts_with("a/scene/sparse/0: "));
+        assert!(read(Path::new("m/a.png")).starts_with("m/a.png: "));
     }
 }

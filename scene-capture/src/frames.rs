@@ -93,6 +93,7 @@ impl Ffmpeg {
                 "copy it again, or convert it to MP4",
             ));
         }
+        let size = chooser.size;
         let (frames, still) = chooser.finish()?;
         if frames < FEWEST {
             return Err(CaptureError::bad(
@@ -108,7 +109,7 @@ impl Ffmpeg {
                 "film the object from all around, for half a minute or longer",
             ));
         }
-        let notes = notes(&info, &windows, frames, still, complaint);
+        let notes = notes(&info, &windows, size, (frames, still), complaint);
         Ok(TakenFrames { frames, notes })
     }
 }
@@ -116,14 +117,21 @@ impl Ffmpeg {
 fn notes(
     info: &VideoInfo,
     windows: &Windows,
-    frames: usize,
-    still: usize,
+    size: (usize, usize),
+    (frames, still): (usize, usize),
     complaint: Option<String>,
 ) -> Vec<String> {
     let mut notes = vec![format!(
         "{frames} frames of {}x{} are taken from {:.1} seconds of video, each the sharpest of {}",
-        info.size.0, info.size.1, info.seconds, windows.candidates
+        size.0, size.1, info.seconds, windows.candidates
     )];
+    if info.is_interlaced {
+        notes.push(
+            "the video is interlaced: its pictures have rows of two moments, of which one is kept, with half the detail; \
+             film or export it as progressive for all of it"
+                .to_owned(),
+        );
+    }
     if still > 0 {
         notes.push(format!(
             "nothing had moved since the frame before in {still} of {} moments, which are left out",
@@ -144,7 +152,12 @@ fn notes(
 
 /// Pictures as PPM, which say their size themselves, turned as they are shown.
 fn arguments(video: &Path, info: &VideoInfo, windows: &Windows) -> Vec<OsString> {
-    let mut filter = format!("fps={:.6}", windows.rate);
+    let mut filter = String::new();
+    if info.is_interlaced {
+        // Before any picture is left out: it looks at those before and after.
+        filter.push_str("yadif=deint=interlaced,");
+    }
+    filter.push_str(&format!("fps={:.6}", windows.rate));
     if (info.pixel_aspect - 1.0).abs() > 1e-3 {
         // Cameras of square pixels are what COLMAP's models begin with.
         filter.push_str(",scale=iw*sar:ih,setsar=1");
@@ -237,6 +250,8 @@ fn number(from: &mut impl Read) -> io::Result<usize> {
 #[derive(Debug)]
 struct Chooser<'a> {
     out: &'a Path,
+    /// Of the first picture, which the others have too.
+    size: (usize, usize),
     window: usize,
     best: Option<(f64, Grey, Picture)>,
     /// Of the frame that was written last.
@@ -249,6 +264,7 @@ impl<'a> Chooser<'a> {
     fn new(out: &'a Path) -> Self {
         Self {
             out,
+            size: (0, 0),
             window: 0,
             best: None,
             last: None,
@@ -261,6 +277,9 @@ impl<'a> Chooser<'a> {
         if window != self.window {
             self.close()?;
             self.window = window;
+        }
+        if self.size == (0, 0) {
+            self.size = (picture.width, picture.height);
         }
         let grey = Grey::of_rgb(&picture.rgb, picture.width, picture.height);
         let sharpness = grey.sharpness();
@@ -371,6 +390,7 @@ mod tests {
             rotation: 90,
             pixel_aspect: 1.0,
             is_hdr: false,
+            is_interlaced: false,
         };
         let windows = Windows::over(&info, &FrameOptions::default());
         let line = |info: &VideoInfo| {
@@ -385,8 +405,15 @@ mod tests {
         );
         let wide = VideoInfo {
             pixel_aspect: 1.42,
-            ..info
+            ..info.clone()
         };
         assert!(line(&wide).contains("-vf fps=10.000000,scale=iw*sar:ih,setsar=1,format=rgb24 -f"));
+        let interlaced = VideoInfo {
+            is_interlaced: true,
+            ..info
+        };
+        assert!(
+            line(&interlaced).contains("-vf yadif=deint=interlaced,fps=10.000000,format=rgb24 -f")
+        );
     }
 }

@@ -9,7 +9,7 @@
 //!    place when all is done.
 //!
 //! COLMAP is asked for its options, which differ between versions; everything runs on the CPU.
-//! Photos are turned upright as their EXIF says; those of one folder, size and lens share a camera.
+//! JPEG and PNG are turned upright as their EXIF says; photos of one folder, size and lens share a camera.
 //! A [`Watch`] hears how far it is and what was
 //! decided, and can stop it: whatever runs is ended then, and nothing is left behind. Where poses
 //! are few or missing, it is said what to do about it.
@@ -30,7 +30,7 @@
 //! # Map
 //! | module | idea |
 //! |---|---|
-//! | `source`, `photos`, `upright` | what a path holds; photos by camera; turned as EXIF says |
+//! | `source`, `photo_files`, `photos`, `upright` | what a path holds; which files; photos by camera; turned as EXIF says |
 //! | `video`, `frames`, `sharpness` | ffprobe's answer and windows of time; the stream; which frame |
 //! | `colmap`, `matching`, `masks` | command lines; pairs of photos; where not to look |
 //! | `progress_lines`, `models`, `merging` | what COLMAP says on the way; what it made; models that share photos |
@@ -43,6 +43,7 @@ mod masks;
 mod matching;
 mod merging;
 mod models;
+mod photo_files;
 mod photos;
 mod program;
 mod progress_lines;

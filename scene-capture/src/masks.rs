@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 
 /// Sizes of mask and photo differ in shape by no more than this, in pixels of the mask.
 const ROUNDING: f64 = 2.0;
+/// A mask that is nowhere as bright has no white.
+const WHITE: u8 = 128;
 
 /// Writes a mask per photo into `out`, as COLMAP wants them: `a.jpg.png`, of the photo's size, black
 /// where features are ignored. Photos without a mask get a white one: some versions of COLMAP take
@@ -127,7 +129,7 @@ fn named_views(photos: &PhotoSet) -> Scene {
     }
 }
 
-/// Black and white at the photo's size; white is from half the mask's brightest value on. A mask of the photo `as_stored`
+/// Black and white at the photo's size; white is from half the mask's brightest value on, or all numbers of objects. A mask of the photo `as_stored`
 /// is turned like the photo, as is one whose shape says so.
 fn read(path: &Path, photo: &Photo, as_stored: bool) -> Result<GrayImage, CaptureError> {
     let size = photo.size;
@@ -153,12 +155,17 @@ fn read(path: &Path, photo: &Photo, as_stored: bool) -> Result<GrayImage, Captur
         let nearest = image::imageops::FilterType::Nearest;
         mask = image::imageops::resize(&mask, size.0, size.1, nearest);
     }
-    let half = mask
-        .iter()
-        .max()
-        .map_or(0, |brightest| brightest.div_ceil(2));
+    let brightest = mask.iter().copied().max().unwrap_or_default();
+    let is_png = path
+        .extension()
+        .is_some_and(|it| it.eq_ignore_ascii_case("png"));
+    // Without white, these are numbers of objects. JPEG is left out: its noise turns black into ones here and there.
+    let least = match brightest < WHITE && is_png {
+        true => 1,
+        false => brightest.div_ceil(2).max(1),
+    };
     for value in mask.iter_mut() {
-        *value = if half > 0 && *value >= half { 255 } else { 0 };
+        *value = if *value >= least { 255 } else { 0 };
     }
     Ok(mask)
 }
@@ -190,9 +197,10 @@ mod tests {
     #[test]
     fn every_photo_gets_a_mask_that_colmap_understands() {
         let (dir, [photos, masks, out]) = folders(&["a.jpg", "b.png", "c.png"]);
-        // Labels 0 and 1, at half the size; black and white, of another name.
+        // Labels 0, 1 and 3, at half the size; black and white, of another name.
         let mut small = GrayImage::new(8, 4);
         small.put_pixel(0, 0, Luma([1]));
+        small.put_pixel(7, 3, Luma([3]));
         small.save(masks.join("a.png")).unwrap();
         GrayImage::new(16, 8)
             .save(masks.join("b_mask.png"))
@@ -206,7 +214,7 @@ mod tests {
             assert_eq!(mask.dimensions(), (16, 8));
             mask.iter().filter(|value| **value == 255).count()
         };
-        assert_eq!(whites("a.jpg.png"), 4);
+        assert_eq!(whites("a.jpg.png"), 8);
         assert_eq!(whites("b.png.png"), 0);
         assert_eq!(whites("c.png.png"), 128);
 

@@ -1,34 +1,23 @@
 //! Which photos there are, and which of them one camera took with one focal length.
 
 use crate::error::CaptureError;
+use crate::photo_files::{PhotoFiles, counted};
 use exif::{In, Tag};
 use image::metadata::Orientation;
-use io_colmap::{Listing, PhotoHeader, Search};
+use io_colmap::{Listing, PhotoHeader, alike_without_ending};
 use rayon::prelude::*;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-/// Endings of photos, in small letters. OpenEXR is left out: COLMAP 3 does not read it.
-const PHOTO_ENDINGS: [&str; 6] = ["jpg", "jpeg", "png", "webp", "tif", "tiff"];
 /// Endings of videos, in small letters.
 pub(crate) const VIDEO_ENDINGS: [&str; 15] = [
     "mp4", "mov", "m4v", "mkv", "webm", "avi", "mts", "m2ts", "ts", "mpg", "mpeg", "3gp", "wmv",
     "flv", "ogv",
 ];
-/// What phones take and COLMAP does not read.
-const HEIF_ENDINGS: [&str; 3] = ["heic", "heif", "avif"];
-/// Sub-folders that hold the photos, where a folder has one of them.
-const PHOTO_FOLDERS: [&str; 3] = ["images", "input", "photos"];
-/// Where photos are looked for in a folder.
-const PHOTOS: Search<'static> = Search {
-    depth: 4,
-    endings: &PHOTO_ENDINGS,
-    mask_folders: false,
-};
 /// Fewer give no scene.
-const FEWEST: usize = 3;
+pub(crate) const FEWEST: usize = 3;
 
 /// The photos of a folder.
 #[derive(Debug)]
@@ -72,8 +61,12 @@ impl PhotoSet {
                 "give a folder of photos or a video file",
             ));
         }
-        let mut notes = Vec::new();
-        let (root, mut listing) = photo_files(folder, &mut notes)?;
+        let PhotoFiles {
+            root,
+            mut listing,
+            heif,
+            mut notes,
+        } = PhotoFiles::find(folder)?;
         notes.extend(listing.notes("photos"));
         let found: Vec<Result<Photo, (String, String)>> = std::mem::take(&mut listing.names)
             .into_par_iter()
@@ -93,10 +86,17 @@ impl PhotoSet {
                 unreadable.len()
             ));
         }
-        if photos.len() < FEWEST {
-            return Err(too_few(&root, photos.len(), &listing));
+        if photos.len() < FEWEST || heif.len() > photos.len() {
+            return Err(too_few(&root, photos.len(), &listing, heif.len()));
         }
-        if let Some([first, second]) = same_name(&photos) {
+        if let Some(first) = heif.first() {
+            notes.push(format!(
+                "{} HEIC or AVIF files are left out, such as {first}; convert them to JPEG to have them taken",
+                heif.len()
+            ));
+        }
+        let names = photos.iter().map(|photo| &*photo.name);
+        if let Some([first, second]) = alike_without_ending(names) {
             return Err(CaptureError::bad(
                 &root,
                 format!(
@@ -137,44 +137,18 @@ impl PhotoSet {
 
 /// Whether [`PhotoSet::find`] would find any photo, or knows what to do about those it cannot read.
 pub(crate) fn has_photos(folder: &Path) -> bool {
-    photo_files(folder, &mut Vec::new())
-        .is_ok_and(|(_, listing)| listing.count() > 0 || !listing.closed.is_empty())
-        || heif_files(folder) > 0
-}
-
-/// How many photos of phones there are that have to be converted first.
-fn heif_files(folder: &Path) -> usize {
-    // A folder that cannot be listed has its error elsewhere.
-    let search = Search {
-        depth: 0,
-        endings: &HEIF_ENDINGS,
-        ..PHOTOS
-    };
-    search.list(folder).map_or(0, |listing| listing.count())
-}
-
-/// Two photos whose names differ only in their ending; photos are sorted by name.
-fn same_name(photos: &[Photo]) -> Option<[&str; 2]> {
-    let bare = |photo: &Photo| Path::new(&photo.name).with_extension("");
-    let mut known = HashMap::new();
-    photos.iter().find_map(|photo| {
-        let first = known.insert(bare(photo), &*photo.name)?;
-        Some([first, &*photo.name])
+    PhotoFiles::find(folder).is_ok_and(|files| {
+        files.listing.count() > 0 || !files.listing.closed.is_empty() || !files.heif.is_empty()
     })
 }
 
-fn counted(photos: usize) -> String {
-    format!("{photos} photo{}", if photos == 1 { "" } else { "s" })
-}
-
-/// `listing` without the names of the `count` photos.
-fn too_few(root: &Path, count: usize, listing: &Listing) -> CaptureError {
+/// `listing` without the names of the `count` photos; `heif` are how many phones took that cannot be read.
+fn too_few(root: &Path, count: usize, listing: &Listing, heif: usize) -> CaptureError {
     let what = if count == 0 {
         "it holds no photos (JPEG, PNG, WebP or TIFF)".to_owned()
     } else {
         format!("it holds only {}", counted(count))
     };
-    let heif = heif_files(root);
     let (what, remedy) = if !listing.unnamed.is_empty() {
         (
             format!(
@@ -203,48 +177,6 @@ fn too_few(root: &Path, count: usize, listing: &Listing) -> CaptureError {
         )
     };
     CaptureError::bad(root, what, remedy)
-}
-
-/// The folder that the photos are in, and what is in it.
-fn photo_files(folder: &Path, notes: &mut Vec<String>) -> Result<(PathBuf, Listing), CaptureError> {
-    for name in PHOTO_FOLDERS {
-        let inner = folder.join(name);
-        if inner.is_dir() {
-            // One that cannot be read is named with the other sub-folders.
-            let listing = PHOTOS.list(&inner).unwrap_or_default();
-            if listing.count() > 0 {
-                return Ok((inner, listing));
-            }
-        }
-    }
-    let mut all = PHOTOS
-        .list(folder)
-        .map_err(|e| CaptureError::io("list", folder, e))?;
-    let is_direct = |name: &String| !name.contains('/');
-    let is_unnamed_direct = |path: &PathBuf| path.parent() == Some(folder);
-    let direct = all.names.iter().filter(|name| is_direct(name)).count();
-    let nested = all.names.len() - direct;
-    let place = folder.display();
-    if direct > 0 && direct < FEWEST && nested >= FEWEST {
-        // A cover, or a photo of the place.
-        all.names.retain(|name| !is_direct(name));
-        notes.push(format!(
-            "{} in {place} itself {} left out; the {nested} in its sub-folders are taken",
-            counted(direct),
-            if direct == 1 { "is" } else { "are" },
-        ));
-    } else if direct > 0 || all.unnamed.iter().any(is_unnamed_direct) {
-        all.names.retain(is_direct);
-        all.unnamed.retain(is_unnamed_direct);
-        if nested > 0 {
-            notes.push(format!(
-                "{} in sub-folders of {place} {} left out; the {direct} in it are taken",
-                counted(nested),
-                if nested == 1 { "is" } else { "are" },
-            ));
-        }
-    }
-    Ok((folder.to_path_buf(), all))
 }
 
 /// Reads a photo's header and its EXIF; otherwise the name and why not.
@@ -443,6 +375,31 @@ mod tests {
             set.notes[0].contains("images cannot be read and is left out ("),
             "{:?}",
             set.notes
+        );
+    }
+
+    #[test]
+    fn photos_of_phones_are_named_and_refused_where_they_are_most() {
+        let dir = tempfile::tempdir().unwrap();
+        for name in ["a.png", "b.png", "c.png"] {
+            photo(&dir.path().join("images").join(name), 8);
+        }
+        let phone = |name: &str| std::fs::write(dir.path().join("images").join(name), "").unwrap();
+        for name in ["d.HEIC", "e.HEIC", "f.HEIC"] {
+            phone(name);
+        }
+        let set = PhotoSet::find(dir.path()).unwrap();
+        assert_eq!(set.photos.len(), 3);
+        assert!(
+            set.notes[0].starts_with("3 HEIC or AVIF files are left out, such as d.HEIC; convert"),
+            "{:?}",
+            set.notes
+        );
+        phone("g.HEIC");
+        let said = PhotoSet::find(dir.path()).unwrap_err().to_string();
+        assert!(
+            said.contains("it holds only 3 photos, and 4 HEIC or AVIF files; convert"),
+            "{said}"
         );
     }
 

@@ -15,7 +15,9 @@ use draft_folder::{Draft, Existing, Occupant};
 use image::metadata::Orientation;
 use io_colmap::PhotoHeader;
 use rayon::prelude::*;
-use std::fs;
+use std::ffi::OsStr;
+use std::fs::{self, DirEntry};
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// The file in a captured scene that says what was decided; also the sign that a folder is one.
@@ -87,7 +89,9 @@ pub fn capture(
     options: &CaptureOptions,
     watch: &dyn Watch,
 ) -> Result<Captured, CaptureError> {
-    check_place(out, options.existing)?;
+    if let Some((what, remedy)) = in_the_way(out, options.existing) {
+        return Err(CaptureError::bad(out, what, remedy));
+    }
     if let (Source::Video(video), Some(_)) = (source, &options.masks) {
         return Err(CaptureError::bad(
             video,
@@ -99,22 +103,69 @@ pub fn capture(
     let mut job = Job {
         source,
         folder: draft.path(),
+        out,
         tools,
         options,
         watch,
         notes: Vec::new(),
+        originals: None,
     };
-    let captured = job.run()?;
-    // What may be replaced was said before anything was done.
-    draft.replace()?;
+    let captured = job.run().map_err(|error| job.outside(error))?;
+    put(draft, out, options.existing)?;
     Ok(captured)
 }
 
-fn check_place(out: &Path, existing: Existing) -> Result<(), CaptureError> {
+/// Puts the scene in its place. That was free, or what is in it was to be replaced; but COLMAP takes hours, in which
+/// somebody else may have used it. Then the poses are kept beside it.
+fn put(draft: Draft, out: &Path, existing: Existing) -> Result<(), CaptureError> {
+    let own = draft.path().file_name();
+    let is_own = |entry: io::Result<DirEntry>| entry.is_ok_and(|it| Some(&*it.file_name()) == own);
+    // The draft may lie in its place.
+    let is_free = fs::read_dir(out).is_ok_and(|mut entries| entries.all(is_own));
+    let in_the_way = if is_free {
+        None
+    } else {
+        in_the_way(out, existing)
+    };
+    let Some((what, _)) = in_the_way else {
+        match existing {
+            Existing::Keep => draft.finish()?,
+            Existing::Replace => draft.replace()?,
+        }
+        return Ok(());
+    };
+    let name = out.file_name().unwrap_or(OsStr::new("scene"));
+    let beside = |number| {
+        let mut name = name.to_owned();
+        name.push(format!("-{number}"));
+        draft.path().with_file_name(name)
+    };
+    let free = (2_u32..).map(beside).find(|place| !place.exists());
+    let kept = free.unwrap_or_else(|| draft.path().with_extension("kept"));
+    let kept = if fs::rename(draft.path(), &kept).is_ok() {
+        kept
+    } else {
+        let own = draft.path().to_owned();
+        // Where it is, it would be removed.
+        std::mem::forget(draft);
+        own
+    };
+    Err(CaptureError::bad(
+        out,
+        format!("{what}; it came while poses were looked for"),
+        format!(
+            "the captured scene is {} instead: use or rename that",
+            kept.display()
+        ),
+    ))
+}
+
+/// What is in a place where no scene can be put for it, and what to do.
+fn in_the_way(out: &Path, existing: Existing) -> Option<(String, String)> {
     let elsewhere = "name a folder that is empty or does not exist";
-    let (what, remedy) = match (Occupant::of(out), existing) {
-        (Ok(None), _) => return Ok(()),
-        (Ok(Some(_)), Existing::Replace) if out.join(RECORD).is_file() => return Ok(()),
+    Some(match (Occupant::of(out), existing) {
+        (Ok(None), _) => return None,
+        (Ok(Some(_)), Existing::Replace) if out.join(RECORD).is_file() => return None,
         (Ok(Some(occupant)), Existing::Replace) => (
             format!(
                 "there is something in it, {occupant}, and no captured scene, so it is not replaced"
@@ -128,9 +179,8 @@ fn check_place(out: &Path, existing: Existing) -> Result<(), CaptureError> {
             )),
         ),
         (Err(_), _) if out.exists() => ("it is in the way".to_owned(), elsewhere.to_owned()),
-        (Err(_), _) => return Ok(()),
-    };
-    Err(CaptureError::bad(out, what, remedy))
+        (Err(_), _) => return None,
+    })
 }
 
 pub(crate) fn create(folder: &Path) -> Result<(), CaptureError> {
@@ -141,10 +191,14 @@ pub(crate) fn create(folder: &Path) -> Result<(), CaptureError> {
 struct Job<'a> {
     source: &'a Source,
     folder: &'a Path,
+    /// Where it will be.
+    out: &'a Path,
     tools: &'a Tools,
     options: &'a CaptureOptions,
     watch: &'a dyn Watch,
     notes: Vec<String>,
+    /// The folder of the photos that `images/` has copies of.
+    originals: Option<PathBuf>,
 }
 
 impl Job<'_> {
@@ -197,6 +251,11 @@ impl Job<'_> {
         })
     }
 
+    /// The same about files that last: the folder is gone before the error is read.
+    fn outside(&self, error: CaptureError) -> CaptureError {
+        error.outside(self.folder, self.out, self.originals.as_deref())
+    }
+
     fn say(&mut self, note: String) {
         self.watch.note(&note);
         self.notes.push(note);
@@ -207,6 +266,7 @@ impl Job<'_> {
         let set = match self.source {
             Source::Photos(folder) => {
                 let mut set = PhotoSet::find(folder)?;
+                self.originals = Some(set.root.clone());
                 let placed = set.photos.par_iter_mut().map(|photo| {
                     place(
                         &set.root.join(&photo.name),
@@ -352,6 +412,7 @@ impl Job<'_> {
                     Ok(None) => {}
                     // The models are as they were, and the largest is a scene all the same.
                     Err(error @ CaptureError::Failed { .. }) => {
+                        let error = self.outside(error);
                         self.say(format!("models were not merged: {error}"));
                     }
                     Err(error) => return Err(error),

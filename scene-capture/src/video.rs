@@ -19,6 +19,8 @@ const CANDIDATES: usize = 5;
 const USUAL_RATE: f64 = 25.0;
 /// Transfer characteristics of pictures with more contrast than sRGB has.
 const HDR: [&str; 2] = ["arib-std-b67", "smpte2084"];
+/// Orders of the fields of interlaced pictures; others are `progressive` and `unknown`.
+const INTERLACED: [&str; 4] = ["tt", "bb", "tb", "bt"];
 
 /// How many frames to take from a video.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,6 +64,8 @@ pub struct VideoInfo {
     pub pixel_aspect: f64,
     /// Whether the pictures have more contrast than photos.
     pub is_hdr: bool,
+    /// Whether every picture is made of two, taken one after the other, in every other row.
+    pub is_interlaced: bool,
 }
 
 /// Equal windows of time, and how many pictures are looked at in each.
@@ -182,6 +186,7 @@ struct Stream {
     r_frame_rate: Option<String>,
     sample_aspect_ratio: Option<String>,
     color_transfer: Option<String>,
+    field_order: Option<String>,
     duration: Option<String>,
     #[serde(default)]
     tags: BTreeMap<String, String>,
@@ -246,6 +251,10 @@ fn info_in(text: &str) -> Result<VideoInfo, String> {
             .color_transfer
             .as_deref()
             .is_some_and(|transfer| HDR.contains(&transfer)),
+        is_interlaced: stream
+            .field_order
+            .as_deref()
+            .is_some_and(|order| INTERLACED.contains(&order)),
     })
 }
 
@@ -277,6 +286,7 @@ mod tests {
             rotation: 0,
             pixel_aspect: 1.0,
             is_hdr: false,
+            is_interlaced: false,
         }
     }
 
@@ -324,14 +334,14 @@ mod tests {
         assert_eq!((read.size, read.rotation), ((1080, 1920), 90));
         assert!((read.rate - 29.97).abs() < 0.001);
         assert_eq!((read.seconds, read.pixel_aspect), (12.5, 1.0));
-        assert!(read.is_hdr);
+        assert!(read.is_hdr && !read.is_interlaced);
         let mkv = r#"[warning] odd
             {"streams": [{"width": 720, "height": 576, "avg_frame_rate": "0/0",
-            "r_frame_rate": "25/1", "sample_aspect_ratio": "64:45",
+            "r_frame_rate": "25/1", "sample_aspect_ratio": "64:45", "field_order": "tb",
             "tags": {"DURATION": "00:01:02.500000000"}}], "format": {}}"#;
         let read = info_in(mkv).unwrap();
         assert_eq!((read.seconds, read.rate, read.rotation), (62.5, 25.0, 0));
-        assert!((read.pixel_aspect - 1.4222).abs() < 0.001);
+        assert!((read.pixel_aspect - 1.4222).abs() < 0.001 && read.is_interlaced);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::finding::{Finding, some_names};
 use crate::scene::Exam;
 use io_colmap::{Camera, is_picture};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Fewer photos than this leave most of an object's surface to two or three of them.
@@ -27,15 +27,15 @@ pub(crate) fn cameras(exam: &Exam) -> Finding {
             lenses.push(view.camera);
         }
     }
-    let mut models: BTreeMap<String, usize> = BTreeMap::new();
+    let mut models: BTreeSet<String> = BTreeSet::new();
     let mut sizes: BTreeSet<(u32, u32)> = BTreeSet::new();
     for camera in &lenses {
-        *models.entry(camera.model.to_string()).or_default() += 1;
+        models.insert(camera.model.to_string());
         sizes.insert((camera.width, camera.height));
     }
     let distorted = lenses.iter().any(|camera| is_distorted(camera));
     let sizes: Vec<String> = sizes.iter().map(|(w, h)| format!("{w}x{h}")).collect();
-    let model_names: Vec<&str> = models.keys().map(String::as_str).collect();
+    let models: Vec<String> = models.into_iter().collect();
     let says = format!(
         "{count} photos of {} pixels through {} ({}), {}",
         shortened(&sizes),
@@ -43,7 +43,7 @@ pub(crate) fn cameras(exam: &Exam) -> Finding {
             1 => "one lens".to_owned(),
             n => format!("{n} calibrated lenses"),
         },
-        model_names.join(", "),
+        models.join(", "),
         if distorted {
             "whose distortion every ray follows"
         } else {
@@ -94,6 +94,8 @@ pub struct Files {
     pub missing: Vec<String>,
     /// What becomes of those.
     pub missing_are: Missing,
+    /// What becomes of views for other reasons, such as photos that several of them may be of: a sentence each.
+    pub left_out: Vec<String>,
     /// Photos that lie beside the others and have no pose.
     pub unposed: Vec<String>,
 }
@@ -152,7 +154,11 @@ fn is_made_of(picture: &Path, stems: &BTreeSet<PathBuf>) -> bool {
 pub(crate) fn files(posed: usize, files: &Files) -> Finding {
     let (missing, unposed) = (files.missing.len(), files.unposed.len());
     let mut says = match missing {
-        0 => "every pose has its photo".to_owned(),
+        0 if files.left_out.is_empty() && unposed == 0 => {
+            "every pose has its photo, every photo its pose".to_owned()
+        }
+        0 if files.left_out.is_empty() => "every pose has its photo".to_owned(),
+        0 => "no photo that the poses name is missing".to_owned(),
         1 => format!(
             "1 photo that the poses name is missing: {}",
             files.missing[0]
@@ -162,16 +168,15 @@ pub(crate) fn files(posed: usize, files: &Files) -> Finding {
             some_names(&files.missing)
         ),
     };
-    says.push_str(&match unposed {
-        0 => ", every photo its pose".to_owned(),
-        n => format!(
-            "; {n} of {} photos have no pose and are not used: {}",
-            n + posed,
+    for sentence in &files.left_out {
+        says.push_str(&format!("; {sentence}"));
+    }
+    if unposed > 0 {
+        says.push_str(&format!(
+            "; {unposed} of {} photos have no pose and are not used: {}",
+            unposed + posed,
             some_names(&files.unposed)
-        ),
-    });
-    if missing > 0 {
-        says = says.replace(", every photo its pose", "");
+        ));
     }
     let finding = Finding::pass("photos", says)
         .number("missing", missing)
@@ -185,6 +190,9 @@ pub(crate) fn files(posed: usize, files: &Files) -> Finding {
         (1.., Missing::LeftOut) => finding.warn(format!(
             "these views are left out; {back} if that is not meant"
         )),
+        _ if !files.left_out.is_empty() => {
+            finding.warn("correct or remove these views where the poses are, if that is not meant")
+        }
         _ if unposed as f64 > UNPOSED * (posed + unposed) as f64 => finding.warn(
             "they found no place among the others: take photos in between, with more overlap, and \
              find the poses again",
@@ -199,6 +207,46 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    fn photos_that_are_there_are_not_said_to_be_missing() {
+        let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
+        let said = |found: &Files| {
+            let finding = super::files(10, found);
+            (
+                finding.says,
+                finding.remedy,
+                finding.numbers["missing"].clone(),
+            )
+        };
+        let all = "every pose has its photo, every photo its pose";
+        assert_eq!(said(&Files::default()), (all.to_owned(), None, 0.into()));
+        let twice = Files {
+            missing_are: Missing::LeftOut,
+            left_out: names(&["left out: a.jpg is listed twice"]),
+            ..Files::default()
+        };
+        let (says, remedy, missing) = said(&twice);
+        assert_eq!(
+            says,
+            "no photo that the poses name is missing; left out: a.jpg is listed twice"
+        );
+        assert!(remedy.unwrap().starts_with("correct or remove"));
+        assert_eq!(missing, 0);
+        let gone = Files {
+            missing: names(&["b.jpg"]),
+            unposed: names(&["c.jpg"]),
+            ..twice
+        };
+        let (says, remedy, missing) = said(&gone);
+        assert_eq!(
+            says,
+            "1 photo that the poses name is missing: b.jpg; left out: a.jpg is listed twice; 1 of 11 photos have no \
+             pose and are not used: c.jpg"
+        );
+        assert!(remedy.unwrap().starts_with("these views are left out"));
+        assert_eq!(missing, 1);
+    }
 
     #[test]
     fn what_is_made_of_a_photo_needs_no_pose() {

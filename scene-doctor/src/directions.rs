@@ -20,7 +20,7 @@ const FAR_APART: f64 = 30.0;
 /// How a scene was captured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Capture {
+pub(crate) enum Capture {
     /// The cameras go around the object.
     Orbit,
     /// They look from one side.
@@ -41,25 +41,24 @@ impl std::fmt::Display for Capture {
 
 /// Directions from which a point is seen; all angles in degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Coverage {
+pub(crate) struct Coverage {
     /// How it was captured.
-    pub capture: Capture,
+    pub(crate) capture: Capture,
     /// Of the circle around the vertical, what is not the largest gap.
-    pub azimuth: f64,
+    pub(crate) azimuth: f64,
     /// Largest turn around the vertical between two neighbouring cameras.
-    pub gap: f64,
+    pub(crate) gap: f64,
     /// Lowest and highest camera over the horizon.
-    pub elevation: [f64; 2],
+    pub(crate) elevation: [f64; 2],
     /// Nine tenths of the cameras are within this angle of their mean direction.
-    pub cone: f64,
+    pub(crate) cone: f64,
     /// Median angle between a camera and the nearest other one.
-    pub step: f64,
+    pub(crate) step: f64,
 }
 
 impl Coverage {
     /// Of the directions from a point to cameras. `None` without any.
-    #[must_use]
-    pub fn of(directions: &[DVec3], up: DVec3) -> Option<Self> {
+    pub(crate) fn of(directions: &[DVec3], up: DVec3) -> Option<Self> {
         let units: Vec<DVec3> = directions
             .iter()
             .filter_map(|d| d.try_normalize())

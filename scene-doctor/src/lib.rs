@@ -67,12 +67,10 @@ mod table;
 
 pub use cameras::{Files, Missing, photos_without_pose};
 pub use cost::{Cost, cost};
-pub use directions::{Capture, Coverage};
 pub use drawing::Drawing;
 pub use finding::{Finding, Report, Status};
 pub use masks::{Consensus, Masks};
 pub use page::page;
-pub use photo::PhotoMeasures;
 pub use scene::{Exam, ExamView, Ground, ObjectMask, Subject};
 
 /// Makes all checks of a scene; `name` is what its user calls it.

@@ -74,11 +74,7 @@ pub(crate) fn parallax(exam: &Exam) -> Finding {
         measured
     };
     let Some(angle) = measured else {
-        return Finding::pass(
-            "parallax",
-            "not measured: there are no sparse points, and it is not known where the object is",
-        )
-        .number("widest_deg", f64::NAN);
+        return Finding::pass("parallax", unmeasured(exam)).number("widest_deg", f64::NAN);
     };
     let finding = Finding::pass(
         "parallax",
@@ -99,6 +95,22 @@ pub(crate) fn parallax(exam: &Exam) -> Finding {
     } else {
         finding
     }
+}
+
+/// Why there is no angle.
+fn unmeasured(exam: &Exam) -> String {
+    let (place, besides) = match exam.object() {
+        Some(_) => (
+            " on the object or near it",
+            "fewer than two photos show the middle of its box",
+        ),
+        None => ("", "it is not known where the object is"),
+    };
+    let few = match exam.points.len() {
+        0 => "there are no sparse points".to_owned(),
+        _ => format!("there are fewer than {LEAST_POINTS} sparse points{place}"),
+    };
+    format!("not measured: {few}, and {besides}")
 }
 
 /// The largest angle at `point` between two of the centres, in degrees; `None` for fewer than two.
@@ -122,6 +134,63 @@ fn widest(point: DVec3, centres: impl Iterator<Item = DVec3>) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Subject;
+    use io_colmap::{Camera, CameraModel, Pose, SparsePoint};
+
+    #[test]
+    fn what_was_not_measured_is_said_as_it_is() {
+        let camera = Camera {
+            id: 1,
+            model: CameraModel::SimplePinhole,
+            width: 8,
+            height: 8,
+            params: vec![8.0, 4.0, 4.0],
+        };
+        let photo = [0; 3 * 8 * 8];
+        let said = |subject: Subject, points: &[SparsePoint]| {
+            let views = [0.0, 1.0].map(|x| ExamView {
+                name: "a.jpg",
+                id: 1,
+                camera: &camera,
+                camera_from_world: Pose {
+                    translation: DVec3::X * x,
+                    ..Pose::IDENTITY
+                },
+                photo: &photo,
+                mask: None,
+            });
+            parallax(&Exam::new(views.to_vec(), points, subject, None)).says
+        };
+        // Behind both cameras.
+        let found = Subject::Found {
+            centre: -DVec3::Z,
+            half_side: 0.5,
+            by: "where it was said to be".to_owned(),
+        };
+        let unknown = Subject::Unknown {
+            why: "nothing tells".to_owned(),
+        };
+        let point = SparsePoint {
+            id: 1,
+            position: DVec3::ZERO,
+            colour: [0; 3],
+            error: 0.0,
+            views: Vec::new(),
+        };
+        assert_eq!(
+            said(found.clone(), &[]),
+            "not measured: there are no sparse points, and fewer than two photos show the middle of its box"
+        );
+        assert_eq!(
+            said(found, &[point]),
+            "not measured: there are fewer than 20 sparse points on the object or near it, and fewer than two photos \
+             show the middle of its box"
+        );
+        assert_eq!(
+            said(unknown, &[]),
+            "not measured: there are no sparse points, and it is not known where the object is"
+        );
+    }
 
     #[test]
     fn the_widest_pair_counts() {

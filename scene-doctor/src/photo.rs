@@ -11,19 +11,19 @@ const BLACK: u8 = 1;
 
 /// Measures of one photo.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PhotoMeasures {
+pub(crate) struct PhotoMeasures {
     /// Variance of the Laplacian of the photo scaled down to 640 pixels, over the square of its mean
     /// luma: half the light is a quarter of that variance.
-    pub sharpness: f64,
+    pub(crate) sharpness: f64,
     /// Share of the scaled photo's detail that outlasts a blur by one pixel, as 1 where it has none:
     /// [`Grey::softness`].
-    pub softness: f64,
+    pub(crate) softness: f64,
     /// Mean linear luminance, 0..1.
-    pub luminance: f64,
+    pub(crate) luminance: f64,
     /// Share of pixels with all channels blown out.
-    pub blown: f64,
+    pub(crate) blown: f64,
     /// Share of pixels with all channels black.
-    pub black: f64,
+    pub(crate) black: f64,
 }
 
 impl PhotoMeasures {
@@ -31,8 +31,7 @@ impl PhotoMeasures {
     ///
     /// # Panics
     /// When it has another number of bytes.
-    #[must_use]
-    pub fn of(photo: &[u8], width: u32, height: u32) -> Self {
+    pub(crate) fn of(photo: &[u8], width: u32, height: u32) -> Self {
         let pixels = photo.as_chunks::<3>().0;
         assert_eq!(
             pixels.len(),

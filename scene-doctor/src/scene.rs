@@ -53,7 +53,8 @@ impl ExamView<'_> {
     #[must_use]
     pub fn pixel_of(&self, world: DVec3) -> Option<DVec2> {
         let point = self.camera_from_world.transform_point(world);
-        let pixel = (point.z > 0.0).then(|| self.camera.project(point))??;
+        // Behind them, panoramas and wide lenses see too.
+        let pixel = self.camera.project(point)?;
         let size = DVec2::new(self.camera.width.into(), self.camera.height.into());
         (pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all()).then_some(pixel)
     }
@@ -101,7 +102,7 @@ pub struct Exam<'a> {
     /// In the model's order.
     pub views: Vec<ExamView<'a>>,
     /// Measures of each view's photo.
-    pub measures: Vec<PhotoMeasures>,
+    pub(crate) measures: Vec<PhotoMeasures>,
     /// The model's sparse points.
     pub points: &'a [SparsePoint],
     /// Where the object is.
@@ -162,8 +163,7 @@ impl<'a> Exam<'a> {
 
     /// The numbers of the views that look most like view `i`, nearest first: by where they look, and
     /// where from.
-    #[must_use]
-    pub fn neighbours(&self, i: usize, count: usize) -> Vec<usize> {
+    pub(crate) fn neighbours(&self, i: usize, count: usize) -> Vec<usize> {
         let spread = self.camera_spread().max(f64::MIN_POSITIVE);
         let own = &self.views[i];
         let forward = |view: &ExamView| view.camera_from_world.inverse().transform_vector(DVec3::Z);
@@ -180,8 +180,7 @@ impl<'a> Exam<'a> {
     }
 
     /// Largest distance of a camera from their mean.
-    #[must_use]
-    pub fn camera_spread(&self) -> f64 {
+    pub(crate) fn camera_spread(&self) -> f64 {
         let mean =
             self.views.iter().map(ExamView::centre).sum::<DVec3>() / self.views.len().max(1) as f64;
         self.views
@@ -194,5 +193,43 @@ impl<'a> Exam<'a> {
     pub(crate) fn in_box(&self, world: DVec3) -> bool {
         self.object()
             .is_some_and(|(centre, half)| (world - centre).abs().max_element() <= half)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use io_colmap::CameraModel;
+
+    #[test]
+    fn lenses_that_see_behind_them_see_there() {
+        let sees = |model, params: &[f64], world| {
+            let camera = Camera {
+                id: 1,
+                model,
+                width: 200,
+                height: 100,
+                params: params.to_vec(),
+            };
+            let view = ExamView {
+                name: "a.jpg",
+                id: 1,
+                camera: &camera,
+                camera_from_world: Pose::IDENTITY,
+                photo: &[],
+                mask: None,
+            };
+            view.pixel_of(world).is_some()
+        };
+        let (before, behind) = (DVec3::new(0.1, 0.0, 1.0), DVec3::new(1.0, 0.0, -0.2));
+        let panorama = (CameraModel::Equirectangular, [200.0, 100.0]);
+        // 100 pixels from its middle, its picture ends at two radians.
+        let fisheye = (CameraModel::SimpleRadialFisheye, [50.0, 100.0, 50.0, 0.0]);
+        let pinhole = (CameraModel::SimplePinhole, [50.0, 100.0, 50.0]);
+        for point in [before, behind] {
+            assert!(sees(panorama.0, &panorama.1, point), "{point}");
+            assert!(sees(fisheye.0, &fisheye.1, point), "{point}");
+        }
+        assert!(sees(pinhole.0, &pinhole.1, before) && !sees(pinhole.0, &pinhole.1, behind));
     }
 }

@@ -5,8 +5,8 @@
 use crate::error::{ImportError, load_text};
 use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
-use crate::lens::Frame;
-use crate::photos::{Match, at_path, stored_size};
+use crate::lens::{Frame, check_size};
+use crate::photos::{Match, NO_PHOTO, at_path, stored_size};
 use crate::pose;
 use glam::{DVec2, DVec3};
 use io_colmap::Pose;
@@ -28,7 +28,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
     for path in files {
         let Some(name) = stem(&path) else { continue };
         let Some(photo) = photo(&detected.root, images, &name) else {
-            gather.drop_view(name, "has no photo");
+            gather.drop_view(name, NO_PHOTO);
             continue;
         };
         let text = load_text(&path)?;
@@ -41,15 +41,6 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         };
         let (camera_from_world, focal, centre, skew) = parse(&text).map_err(bad)?;
         let (width, height) = stored_size(&photo.photo)?;
-        let size = DVec2::new(f64::from(width), f64::from(height));
-        if centre.min_element() < 0.0 || (centre - size).max_element() > 0.0 {
-            return Err(bad(format!(
-                "its optical axis meets the picture at ({}, {}), outside the {width}x{height} pixels of {}, so it is for pictures of another size",
-                centre.x,
-                centre.y,
-                photo.photo.display()
-            )));
-        }
         let frame = Frame {
             width,
             height,
@@ -61,10 +52,19 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
                 "the camera's axes are skew by {lost:.1} pixels, which no COLMAP camera is"
             )));
         }
+        let camera = frame.perspective([0.0; 4], [0.0; 2]).map_err(bad)?;
+        check_size(&camera, false).map_err(|what| {
+            let remedy = "use the photos that the cameras were made for";
+            ImportError::bad(
+                &path,
+                format!("{what} than {}", photo.photo.display()),
+                remedy,
+            )
+        })?;
         gather.views.push(Found {
             photo,
             mask: None,
-            camera: frame.perspective([0.0; 4], [0.0; 2]).map_err(bad)?,
+            camera,
             camera_from_world,
         });
     }

@@ -12,6 +12,9 @@ use std::path::Path;
 /// Photos are scaled down for reconstruction, but not by more than this; drawing takes memory by the stated size.
 const LARGEST_SCALE: u64 = 8;
 
+/// Fewer enclose nothing.
+const FEWEST_CORNERS: usize = 3;
+
 #[derive(Debug, Deserialize)]
 struct File {
     images: Vec<Picture>,
@@ -58,6 +61,18 @@ enum Segmentation {
     },
 }
 
+impl Segmentation {
+    /// Whether it can hold a pixel; tools write polygons without corners for boxes that nobody has outlined.
+    fn is_outline(&self) -> bool {
+        let has_corners = |points: &Vec<f64>| points.len() >= 2 * FEWEST_CORNERS;
+        match self {
+            Self::Polygons(parts) => parts.iter().any(has_corners),
+            Self::Polygon(points) => has_corners(points),
+            Self::Runs { .. } => true,
+        }
+    }
+}
+
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 enum Counts {
@@ -99,12 +114,11 @@ pub(crate) fn draw(
     let mut boxes_only = 0;
     for annotation in file.annotations.iter().filter(|a| chosen(a.category_id)) {
         match &annotation.segmentation {
-            Some(Segmentation::Polygons(parts)) if parts.is_empty() => boxes_only += 1,
-            Some(segmentation) => outlines
+            Some(segmentation) if segmentation.is_outline() => outlines
                 .entry(id_of(&annotation.image_id))
                 .or_default()
                 .push(segmentation),
-            None => boxes_only += 1,
+            _ => boxes_only += 1,
         }
     }
     if boxes_only > 0 {

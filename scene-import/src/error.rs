@@ -74,14 +74,8 @@ impl ImportError {
     /// What it speaks of.
     pub(crate) fn path_mut(&mut self) -> &mut PathBuf {
         match self {
-            Self::Io { path, .. }
-            | Self::Content { path, .. }
-            | Self::Colmap(
-                ColmapError::Io { path, .. }
-                | ColmapError::Format { path, .. }
-                | ColmapError::Scene { path, .. }
-                | ColmapError::Mask { path, .. },
-            ) => path,
+            Self::Io { path, .. } | Self::Content { path, .. } => path,
+            Self::Colmap(error) => error.path_mut(),
         }
     }
 

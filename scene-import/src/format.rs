@@ -32,6 +32,9 @@ pub enum Format {
 
 use Format as F;
 
+/// The files of a COLMAP model, without endings.
+const COLMAP_FILES: [&str; 5] = ["cameras", "images", "points3D", "rigs", "frames"];
+
 /// A name at most this many edits away is offered for one that is not known.
 const NEAREST: usize = 3;
 
@@ -206,14 +209,25 @@ pub fn detect(path: &Path, stated: Option<Format>) -> Result<Detected, ImportErr
         .collect();
     if path.is_file() {
         // The file decides, also between several of a kind.
+        let name = path.file_name().unwrap_or_default();
+        let as_found = root.join(name);
         let named = found
             .iter()
-            .find(|(_, source)| source == path)
+            .find(|(_, source)| *source == as_found)
             .map(|(format, _)| *format)
             .or_else(|| format_of_file(path));
         if let Some(format) = named {
             found.retain(|(other, _)| *other != format);
             found.insert(0, (format, path.to_path_buf()));
+        } else if let Some(at) = found.iter().position(|(format, _)| is_part(path, *format)) {
+            let whole = found.remove(at);
+            found.insert(0, whole);
+        } else {
+            return Err(ImportError::bad(
+                path,
+                "this file is in none of the known formats",
+                "give the file with the poses, or the folder it is in to have that looked through",
+            ));
         }
     }
     if let Some(stated) = stated {
@@ -255,6 +269,21 @@ fn format_of_file(path: &Path) -> Option<Format> {
         "xml" => starts_like_metashape(path).then_some(F::Metashape),
         "csv" => starts_like_reality_capture(path).then_some(F::RealityCapture),
         _ => None,
+    }
+}
+
+/// Whether a file belongs to others with which it is read by this format.
+fn is_part(path: &Path, format: Format) -> bool {
+    let name = name_of(path);
+    match format {
+        F::Colmap => {
+            let is_model = |(stem, ending): (&str, &str)| {
+                COLMAP_FILES.contains(&stem) && ["bin", "txt"].contains(&ending)
+            };
+            name.rsplit_once('.').is_some_and(is_model)
+        }
+        F::Tum => name == "rgb.txt",
+        _ => false,
     }
 }
 

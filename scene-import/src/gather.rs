@@ -2,7 +2,7 @@
 
 use crate::error::ImportError;
 use crate::format::Format;
-use crate::photos::Match;
+use crate::photos::{Match, NO_PHOTO};
 use glam::DVec3;
 use io_colmap::{Camera, Model, PhotoHeader, Pose, View, same_shape};
 use rayon::prelude::*;
@@ -13,6 +13,17 @@ use std::path::{Component, Path, PathBuf};
 /// Cameras this many times farther from the origin than from each other are moved to it: single
 /// precision, which most tools compute in, has seven digits.
 const FAR_AWAY: f64 = 1e4;
+
+/// What folders of all photos of a scene are called; the folders in them are those of its cameras.
+const PHOTO_FOLDERS: [&str; 7] = [
+    "images",
+    "image",
+    "input",
+    "rgb",
+    "imgs",
+    "photos",
+    "blended_images",
+];
 
 /// Poses of another tool, with the photos and masks that go with them.
 #[derive(Debug, Clone)]
@@ -45,6 +56,12 @@ pub struct Dropped {
 }
 
 impl Dropped {
+    /// Whether its photo is not there, rather than of no use.
+    #[must_use]
+    pub fn is_missing(&self) -> bool {
+        self.why == NO_PHOTO
+    }
+
     /// Why it was left out, with the view that is the reason, as the end of a sentence.
     #[must_use]
     pub fn reason(&self) -> String {
@@ -122,7 +139,7 @@ impl Gather {
         let mut all: Vec<(String, Found)> = {
             let views = self.views.iter();
             let photos: Vec<&Path> = views.map(|view| &*view.photo.photo).collect();
-            names(&photos, source)?
+            names(&photos, root, source)?
                 .into_iter()
                 .zip(self.views.drain(..))
                 .collect()
@@ -157,10 +174,15 @@ impl Gather {
     /// A photo is of the view that states its path best. If it is listed again it keeps its first pose, and where
     /// several paths fit it alike, as those of two folders do where it is in neither, nobody knows whose it is.
     fn once_each(&mut self) {
-        let verdicts = self.verdicts();
+        let found: Vec<&Match> = self.views.iter().map(|view| &view.photo).collect();
+        let claims = other_claims(&found, &self.rivals);
         let mut seen = HashSet::new();
-        for (view, verdict) in std::mem::take(&mut self.views).into_iter().zip(verdicts) {
-            if let Some((why, rival)) = verdict {
+        for (view, claim) in std::mem::take(&mut self.views).into_iter().zip(claims) {
+            if let Some((fit, rival)) = claim {
+                let why = match fit {
+                    Ordering::Equal => "has only a photo that another view fits as well",
+                    _ => "has no photo but one that another view fits better",
+                };
                 self.dropped.push(Dropped {
                     name: view.photo.stated,
                     why: why.to_owned(),
@@ -173,28 +195,6 @@ impl Gather {
                 self.drop_view(name, "is listed twice");
             }
         }
-    }
-
-    /// For each view that has its photo by its name, but not alone: why that is not its own, and whose it may be.
-    fn verdicts(&self) -> Vec<Option<(&'static str, String)>> {
-        let all = || self.views.iter().map(|view| &view.photo);
-        let mut sharing: HashMap<PathBuf, Vec<&Match>> = HashMap::new();
-        for found in all().chain(&self.rivals) {
-            sharing.entry(plain(&found.photo)).or_default().push(found);
-        }
-        let verdict = |own: &Match| {
-            let sharing = &sharing[&plain(&own.photo)];
-            let others = sharing.iter().filter(|other| !other.is_again(own));
-            // The first of the best.
-            let rival = others.rev().max_by_key(|other| other.fit)?;
-            let why = match rival.fit.cmp(&own.fit) {
-                Ordering::Less => return None,
-                Ordering::Equal => "has only a photo that another view fits as well",
-                Ordering::Greater => "has no photo but one that another view fits better",
-            };
-            Some((why, rival.stated.clone()))
-        };
-        all().map(verdict).collect()
     }
 
     /// Scales every camera to its photo, or says which photo cannot be its.
@@ -293,35 +293,34 @@ fn shared_camera(model: &mut Model, camera: Camera) -> u32 {
     id
 }
 
-/// Names for photos: their paths below the folder that all of them have in common.
-fn names(photos: &[&Path], source: &Path) -> Result<Vec<String>, ImportError> {
-    let folders: Vec<PathBuf> = photos
-        .iter()
-        .map(|photo| {
-            plain(photo)
-                .parent()
-                .map(Path::to_path_buf)
-                .unwrap_or_default()
-        })
-        .collect();
-    let mut root: Vec<Component> = folders
-        .first()
-        .map(|folder| folder.components().collect())
-        .unwrap_or_default();
-    for folder in &folders {
-        let same = folder
-            .components()
-            .zip(&root)
-            .take_while(|(a, b)| a == *b)
-            .count();
-        root.truncate(same);
+/// For each file that was found by a name: whether another name fits it as well or better, and which. What else was
+/// found is among the `others`.
+pub(crate) fn other_claims(found: &[&Match], others: &[Match]) -> Vec<Option<(Ordering, String)>> {
+    let mut sharing: HashMap<PathBuf, Vec<&Match>> = HashMap::new();
+    for one in found.iter().copied().chain(others) {
+        sharing.entry(plain(&one.photo)).or_default().push(one);
     }
-    let root: PathBuf = root.iter().collect();
+    let claim = |own: &Match| {
+        let others = sharing[&plain(&own.photo)].iter();
+        let others = others.filter(|other| !other.is_again(own));
+        // The first of the best.
+        let rival = others.rev().max_by_key(|other| other.fit)?;
+        let fit = rival.fit.cmp(&own.fit);
+        fit.is_ge().then(|| (fit, rival.stated.clone()))
+    };
+    found.iter().map(|own| claim(own)).collect()
+}
+
+/// Names for photos: their paths below the folder that all of them have in common, but not below one in it that one
+/// camera of several has, as `images/left`.
+fn names(photos: &[&Path], root: &Path, source: &Path) -> Result<Vec<String>, ImportError> {
+    let common = common_folder(photos.iter().copied());
+    let common = up_to_photo_folder(&common, &plain(root));
     photos
         .iter()
         .map(|photo| {
             let path = plain(photo);
-            let parts = path.strip_prefix(&root).unwrap_or(&path).components();
+            let parts = path.strip_prefix(common).unwrap_or(&path).components();
             let parts: Option<Vec<&str>> = parts.map(|part| part.as_os_str().to_str()).collect();
             parts.map(|parts| parts.join("/")).ok_or_else(|| {
                 ImportError::bad(
@@ -334,8 +333,34 @@ fn names(photos: &[&Path], source: &Path) -> Result<Vec<String>, ImportError> {
         .collect()
 }
 
+/// The innermost folder of a scene on the way to `folder` that is called as those of all photos are, else `folder`.
+fn up_to_photo_folder<'a>(folder: &'a Path, root: &Path) -> &'a Path {
+    let inside = folder.ancestors().take_while(|outer| *outer != root);
+    let is_usual = |outer: &&Path| {
+        let name = outer.file_name().and_then(|name| name.to_str());
+        name.is_some_and(|name| PHOTO_FOLDERS.contains(&name))
+    };
+    let usual = inside.into_iter().find(is_usual);
+    usual.filter(|_| folder.starts_with(root)).unwrap_or(folder)
+}
+
+/// The folder that all these files have in common.
+pub(crate) fn common_folder<'a>(files: impl Iterator<Item = &'a Path>) -> PathBuf {
+    let mut folders = files.map(|file| {
+        let mut folder = plain(file);
+        folder.pop();
+        folder
+    });
+    let first = folders.next().unwrap_or_default();
+    let shared = |one: PathBuf, other: PathBuf| {
+        let pairs = one.components().zip(other.components());
+        pairs.take_while(|(a, b)| a == b).map(|(a, _)| a).collect()
+    };
+    folders.fold(first, shared)
+}
+
 /// The path without `.`, and with `..` resolved as text.
-fn plain(path: &Path) -> PathBuf {
+pub(crate) fn plain(path: &Path) -> PathBuf {
     let mut plain = PathBuf::new();
     for part in path.components() {
         match part {
@@ -358,7 +383,7 @@ mod tests {
 
     fn named(photos: &[&str]) -> Vec<String> {
         let photos: Vec<&Path> = photos.iter().map(Path::new).collect();
-        names(&photos, Path::new("x.json")).unwrap()
+        names(&photos, Path::new("s"), Path::new("x.json")).unwrap()
     }
 
     #[test]
@@ -373,5 +398,18 @@ mod tests {
             named(&["/p/../q/a.jpg", "/q/c/b.jpg"]),
             ["a.jpg", "c/b.jpg"]
         );
+    }
+
+    #[test]
+    fn one_camera_of_a_rig_keeps_its_name() {
+        assert_eq!(named(&["s/images/left/a.jpg"]), ["left/a.jpg"]);
+        assert_eq!(named(&["s/colmap/images/left/a.jpg"]), ["left/a.jpg"]);
+        assert_eq!(
+            named(&["s/rgb/1/left/a.jpg", "s/rgb/1/right/a.jpg"]),
+            ["1/left/a.jpg", "1/right/a.jpg"]
+        );
+        // Folders above the scene may be called anything, and so may those of renderers.
+        assert_eq!(named(&["photos/cat/left/a.jpg"]), ["a.jpg"]);
+        assert_eq!(named(&["s/train/r_0.png"]), ["r_0.png"]);
     }
 }

@@ -9,6 +9,41 @@ const NEGLIGIBLE: f64 = 0.05;
 /// Pixels by which leaving skew out may be wrong.
 const MOST_SKEW: f64 = 0.5;
 
+/// Principal points are this many times farther from the corner than the photo's middle where cameras are for larger
+/// pictures; no lens is so far off.
+const OTHER_SIZE: f64 = 1.25;
+/// The middle of a picture of another size is that much farther along both axes, to within this share.
+const SAME_SHAPE: f64 = 0.1;
+
+/// Refuses a camera that is for pictures of another size than it says: its axis meets them outside, or, where no size is
+/// stated and it was taken from the photo, in the middle of larger or smaller ones of that shape.
+pub(crate) fn check_size(camera: &Camera, is_stated: bool) -> Result<(), String> {
+    if camera.model == CameraModel::Equirectangular {
+        return Ok(());
+    }
+    let centre = DVec2::from(camera.principal_point());
+    let (width, height) = (camera.width, camera.height);
+    let size = DVec2::new(f64::from(width), f64::from(height));
+    let off = 2.0 * centre / size;
+    let is_middle = off.max_element() - off.min_element() <= SAME_SHAPE * off.max_element();
+    let is_far = off.min_element() > OTHER_SIZE || off.max_element() < 1.0 / OTHER_SIZE;
+    let place = if off.min_element() < 0.0 || off.max_element() > 2.0 {
+        format!("outside the picture's {width}x{height} pixels")
+    } else if !is_stated && is_middle && is_far {
+        let whole = 2.0 * centre;
+        format!(
+            "which is the middle of {:.0}x{:.0} pixels, but the photo has {width}x{height}",
+            whole.x, whole.y
+        )
+    } else {
+        return Ok(());
+    };
+    Err(format!(
+        "its optical axis meets the picture at ({}, {}), {place}, so it is for pictures of another size",
+        centre.x, centre.y
+    ))
+}
+
 /// Focal lengths and principal point in pixels, for a picture of that size. The top left pixel's
 /// centre is at `(0.5, 0.5)`.
 #[derive(Debug, Clone, Copy)]
@@ -219,6 +254,41 @@ mod tests {
         let lost = |pixels: f64| frame.lost_with_skew(pixels * 500.0 / 240.0);
         assert_eq!((lost(0.4), lost(-0.4)), (None, None));
         assert!((lost(0.6).unwrap() - 0.6).abs() < 1e-9 && lost(-0.6).is_some());
+    }
+
+    #[test]
+    fn cameras_for_pictures_of_another_size_are_told_by_their_axis() {
+        let refused = |x: f64, y: f64, is_stated| {
+            let centre = DVec2::new(x, y);
+            let frame = Frame {
+                centre,
+                ..Frame::centred(640, 480, 500.0)
+            };
+            let camera = frame.perspective([0.0; 4], [0.0; 2]).unwrap();
+            check_size(&camera, is_stated).err()
+        };
+        for (x, y) in [
+            (320.0, 240.0),
+            (340.0, 210.0),
+            (390.0, 290.0),
+            (600.0, 100.0),
+        ] {
+            assert_eq!((refused(x, y, false), refused(x, y, true)), (None, None));
+        }
+        for (x, y) in [(641.0, 240.0), (320.0, -1.0)] {
+            let said = refused(x, y, true).unwrap();
+            assert!(said.contains("outside the picture's 640x480"), "{said}");
+        }
+        // Of twice, one and a half times and half the size.
+        for (x, y) in [(638.0, 479.0), (481.0, 358.0), (160.0, 121.0)] {
+            let said = refused(x, y, false).unwrap();
+            assert!(
+                said.contains("the photo has 640x480, so it is for"),
+                "{said}"
+            );
+            assert_eq!(refused(x, y, true), None);
+        }
+        assert!(check_size(&Frame::panorama(640, 320), false).is_ok());
     }
 
     #[test]

@@ -59,6 +59,7 @@ mod reality_capture;
 mod run_lengths;
 mod transforms;
 mod tum;
+mod unposed;
 mod write;
 
 pub use error::ImportError;

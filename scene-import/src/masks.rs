@@ -2,12 +2,15 @@
 
 use crate::coco::{self, Wanted};
 use crate::error::ImportError;
-use crate::gather::Imported;
+use crate::gather::{Imported, common_folder};
 use crate::labels::Labels;
+use crate::write::photo_size;
 use image::GrayImage;
-use io_colmap::{IGNORE_FOLDER, MaskFiles, MaskSet, Polarity, Scene, same_shape, write_png};
+use io_colmap::{
+    IGNORE_FOLDER, MaskFiles, MaskSet, Polarity, Scene, alike_without_ending, same_shape, write_png,
+};
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Where to take masks from.
@@ -104,17 +107,15 @@ impl MaskOptions {
         if !has_masks && self.ignored_in(imported).is_none() {
             return Ok(());
         }
-        let mut photos: BTreeMap<PathBuf, &str> = BTreeMap::new();
-        for view in &imported.model.views {
-            if let Some(other) = photos.insert(mask_path(Path::new(""), &view.name), &view.name) {
-                return Err(ImportError::bad(
-                    &imported.root,
-                    format!("the photos {other} and {} would have one mask", view.name),
-                    "rename one of the two, also where its pose is listed",
-                ));
-            }
+        let names = imported.model.views.iter().map(|view| &*view.name);
+        match alike_without_ending(names) {
+            Some([first, second]) => Err(ImportError::bad(
+                &imported.root,
+                format!("the photos {first} and {second} would have one mask"),
+                "rename one of the two, also where its pose is listed",
+            )),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     /// The folder of pictures of what is not to be learned from, if there is one.
@@ -133,27 +134,28 @@ impl MaskOptions {
         out: &Path,
         notes: &mut Vec<String>,
     ) -> Result<usize, ImportError> {
-        let files = match chosen {
+        let (place, files) = match chosen {
             Chosen::None | Chosen::Alpha { .. } => return Ok(0),
             Chosen::Coco(path) => return self.write_drawn(path, scene, out, notes),
             Chosen::Folder(folder) => {
                 notes.push(format!("masks are taken from {}", folder.display()));
-                (folder.as_path(), MaskFiles::find(folder, scene)?)
+                let files = MaskFiles::find_among(folder, scene, &imported.unposed(folder))?;
+                (folder.clone(), files)
             }
-            Chosen::Listed => (
-                imported.root.as_path(),
-                MaskFiles {
+            Chosen::Listed => {
+                let listed = imported.masks.iter().flatten();
+                let files = MaskFiles {
                     paths: imported.masks.clone(),
                     how: "as listed with the poses".to_owned(),
                     notes: Vec::new(),
-                },
-            ),
+                };
+                (common_folder(listed.map(PathBuf::as_path)), files)
+            }
         };
-        let (place, files) = files;
         if let Some(label) = self.label {
-            return write_label(label, place, files, scene, out, notes);
+            return write_label(label, &place, files, scene, out, notes);
         }
-        let set = MaskSet::of_files(place, files, scene, self.polarity)?;
+        let set = MaskSet::of_files(&place, files, scene, self.polarity)?;
         notes.extend(set.notes.iter().cloned());
         write_set(&set, scene, out)
     }
@@ -170,7 +172,7 @@ impl MaskOptions {
         let Some(folder) = self.ignored_in(imported) else {
             return Ok(0);
         };
-        let set = MaskSet::find_ignored(&folder, scene)?;
+        let set = MaskSet::find_ignored_among(&folder, scene, &imported.unposed(&folder))?;
         notes.push(format!(
             "what is not to be learned from is taken from {}",
             folder.display()
@@ -192,11 +194,7 @@ impl MaskOptions {
             .iter()
             .map(|view| Wanted {
                 name: &view.name,
-                size: scene
-                    .model
-                    .cameras
-                    .get(&view.camera_id)
-                    .map_or((0, 0), |camera| (camera.width, camera.height)),
+                size: photo_size(&scene.model, view.camera_id),
             })
             .collect();
         let drawn = coco::draw(path, self.label, &wanted, |i, mask| {
@@ -247,8 +245,7 @@ fn write_label(
                 return Ok((false, BTreeSet::new()));
             };
             let labels = Labels::read(path)?;
-            let camera = scene.model.cameras.get(&view.camera_id);
-            let photo = camera.map_or((0, 0), |camera| (camera.width, camera.height));
+            let photo = photo_size(&scene.model, view.camera_id);
             let size = labels.size();
             if !same_shape(size, photo) {
                 return Err(ImportError::bad(

@@ -6,7 +6,7 @@
 use crate::error::ImportError;
 use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
-use crate::lens::Frame;
+use crate::lens::{Frame, check_size};
 use crate::npy::{Array, read_npz};
 use crate::photos::{Match, first_folder, in_folder, stored_size};
 use crate::pose;
@@ -81,11 +81,16 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
                 "the camera's axes are skew by {lost:.1} pixels, which no COLMAP camera is"
             )));
         }
+        let camera = frame.perspective([0.0; 4], [0.0; 2]).map_err(bad)?;
+        check_size(&camera, false).map_err(|what| {
+            let what = format!("{name}: {what} than {}", photo.display());
+            ImportError::bad(path, what, "use the photos that the cameras were made for")
+        })?;
         gather.views.push(Found {
             // By the photo's place: a camera's number counts photos that are gone too.
             mask: matched.as_ref().map(|masks| masks[order].clone()),
             photo: Match::by_place(photo),
-            camera: frame.perspective([0.0; 4], [0.0; 2]).map_err(bad)?,
+            camera,
             camera_from_world: projection.camera_from_world,
         });
     }

@@ -5,17 +5,18 @@
 
 use crate::error::{ImportError, load_text};
 use crate::format::Detected;
-use crate::gather::{Found, Gather, Imported};
-use crate::lens::Frame as LensFrame;
-use crate::photos::{Lookup, at_path, stored_size};
+use crate::gather::{Found, Gather, Imported, other_claims};
+use crate::lens::{Frame as LensFrame, check_size};
+use crate::photos::{Lookup, Match, at_path, stored_size};
 use crate::pose;
 use glam::{DMat3, DVec2, DVec3};
 use io_colmap::{Camera, CameraModel, Pose};
-use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
 use std::path::Path;
 
 /// Every way in which the tools state a lens.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default)]
 struct Lens {
     camera_model: Option<String>,
     is_fisheye: Option<bool>,
@@ -40,21 +41,10 @@ struct Lens {
     distortion_params: Option<Vec<f64>>,
 }
 
-impl Lens {
-    /// This frame's values, and the file's where it has none. A focal length is one value however it is
-    /// stated: a frame's angle is not overruled by the file's `fl_x`. Each axis is by itself.
-    fn over(&self, file: &Lens) -> Lens {
-        let mut file = file.clone();
-        if self.fl_x.or(self.camera_angle_x).or(self.x_fov).is_some() {
-            (file.fl_x, file.camera_angle_x, file.x_fov) = (None, None, None);
-        }
-        if self.fl_y.or(self.camera_angle_y).or(self.y_fov).is_some() {
-            (file.fl_y, file.camera_angle_y, file.y_fov) = (None, None, None);
-        }
-        macro_rules! merge {
-            ($($field:ident),*) => { Lens { $($field: self.$field.clone().or_else(|| file.$field.clone())),* } };
-        }
-        merge!(
+/// Hands the names of a [`Lens`]'s fields to a macro.
+macro_rules! with_lens_fields {
+    ($then:ident) => {
+        $then!(
             camera_model,
             is_fisheye,
             w,
@@ -75,25 +65,112 @@ impl Lens {
             p2,
             distortion_params
         )
+    };
+}
+
+impl Lens {
+    fn of(entries: &Map<String, Value>) -> Result<Lens, String> {
+        macro_rules! read {
+            ($($field:ident),*) => { Ok(Lens { $($field: entry(entries, stringify!($field))?),* }) };
+        }
+        with_lens_fields!(read)
+    }
+
+    /// This frame's values, and the file's where it has none. A focal length is one value however it is
+    /// stated: a frame's angle is not overruled by the file's `fl_x`. Each axis is by itself.
+    fn over(&self, file: &Lens) -> Lens {
+        let mut file = file.clone();
+        if self.fl_x.or(self.camera_angle_x).or(self.x_fov).is_some() {
+            (file.fl_x, file.camera_angle_x, file.x_fov) = (None, None, None);
+        }
+        if self.fl_y.or(self.camera_angle_y).or(self.y_fov).is_some() {
+            (file.fl_y, file.camera_angle_y, file.y_fov) = (None, None, None);
+        }
+        macro_rules! merge {
+            ($($field:ident),*) => { Lens { $($field: self.$field.clone().or_else(|| file.$field.clone())),* } };
+        }
+        with_lens_fields!(merge)
+    }
+
+    /// The size that it is for: as stated, or the photo's. Of one side alone, the photo's shape tells the other.
+    fn size(&self, photo: (u32, u32)) -> Result<(u32, u32), String> {
+        let like = |side: u32, by: u32, of: u32| {
+            let other = f64::from(side) * f64::from(by) / f64::from(of.max(1));
+            other.round().max(1.0) as u32
+        };
+        let (w, h) = (
+            self.w.map(whole).transpose()?,
+            self.h.map(whole).transpose()?,
+        );
+        Ok(match (w, h) {
+            (Some(w), Some(h)) => (w, h),
+            (Some(w), None) => (w, like(w, photo.1, photo.0)),
+            (None, Some(h)) => (like(h, photo.0, photo.1), h),
+            (None, None) => photo,
+        })
     }
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug)]
 struct File {
-    #[serde(flatten)]
     lens: Lens,
     frames: Vec<FrameEntry>,
     applied_transform: Option<Vec<Vec<f64>>>,
     applied_scale: Option<f64>,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug)]
 struct FrameEntry {
-    #[serde(flatten)]
     lens: Lens,
     file_path: String,
     mask_path: Option<String>,
     transform_matrix: Vec<Vec<f64>>,
+}
+
+impl File {
+    /// What the file says, or which of its entries says nothing: in a file of one line, no number of a line would.
+    fn of(file: &Value) -> Result<File, String> {
+        let entries = file.as_object().ok_or("it is no object with frames")?;
+        let frames = entries.get("frames").and_then(Value::as_array);
+        let frames = frames.ok_or("frames: there is no such list")?;
+        let frames = frames.iter().enumerate().map(|(i, frame)| {
+            FrameEntry::of(frame).map_err(|what| {
+                let name = frame["file_path"].as_str();
+                let name = name.map_or_else(String::new, |name| format!(" ({name})"));
+                format!("frame {}{name}: {what}", i + 1)
+            })
+        });
+        Ok(File {
+            lens: Lens::of(entries)?,
+            frames: frames.collect::<Result<_, _>>()?,
+            applied_transform: entry(entries, "applied_transform")?,
+            applied_scale: entry(entries, "applied_scale")?,
+        })
+    }
+}
+
+impl FrameEntry {
+    fn of(frame: &Value) -> Result<FrameEntry, String> {
+        let entries = frame.as_object().ok_or("it is no object")?;
+        let missing = |key: &str| format!("{key} is missing");
+        Ok(FrameEntry {
+            lens: Lens::of(entries)?,
+            file_path: entry(entries, "file_path")?.ok_or_else(|| missing("file_path"))?,
+            mask_path: entry(entries, "mask_path")?,
+            transform_matrix: entry(entries, "transform_matrix")?
+                .ok_or_else(|| missing("transform_matrix"))?,
+        })
+    }
+}
+
+/// The value of a key, if it has one; an error names the key.
+fn entry<T: DeserializeOwned>(
+    entries: &Map<String, Value>,
+    key: &str,
+) -> Result<Option<T>, String> {
+    let value = entries.get(key).filter(|value| !value.is_null());
+    let read = value.map(|value| T::deserialize(value).map_err(|e| format!("{key}: {e}")));
+    read.transpose()
 }
 
 /// `p_file = scale * (rotation * p_original + shift)`, as nerfstudio's converters wrote it down.
@@ -105,8 +182,11 @@ struct Applied {
 
 pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Imported, ImportError> {
     let path = &detected.source;
-    let file: File =
+    let json: Value =
         serde_json::from_str(&load_text(path)?).map_err(|e| ImportError::json(path, &e))?;
+    let file = File::of(&json)
+        .map_err(|what| ImportError::bad(path, what, "correct the file or export it again"))?;
+    drop(json);
     let mut gather = Gather::default();
     let applied = applied(&file, path)?;
     if applied.is_some() {
@@ -117,50 +197,47 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
     }
     let photos = Lookup::new(&detected.root, images)?;
     gather.leave_out(photos.left_out());
-    let mut masks = 0;
+    let mut masks = Masks::default();
     for (i, frame) in file.frames.iter().enumerate() {
+        let stated_mask = frame.mask_path.as_deref();
+        let mask = stated_mask.and_then(|stated| at_path(&detected.root, stated));
         let photo = match photos.find(&frame.file_path) {
             Ok(photo) => photo,
             Err(why) => {
                 gather.drop_view(&frame.file_path, why);
+                masks.others.extend(mask);
                 continue;
             }
         };
-        let bad = |what: String| {
-            ImportError::bad(
-                path,
-                format!("frame {} ({}): {what}", i + 1, frame.file_path),
-                "correct or remove the frame",
-            )
-        };
+        let at_frame = |what: String| format!("frame {} ({}): {what}", i + 1, frame.file_path);
+        let bad =
+            |what: String| ImportError::bad(path, at_frame(what), "correct or remove the frame");
         let camera_from_world = pose_of(&frame.transform_matrix, applied.as_ref()).map_err(bad)?;
         let lens = frame.lens.over(&file.lens);
-        let camera = match (lens.w, lens.h) {
-            (Some(w), Some(h)) => camera(&lens, (whole(w).map_err(bad)?, whole(h).map_err(bad)?)),
-            _ => camera(&lens, stored_size(&photo.photo)?),
-        }
-        .map_err(bad)?;
-        let mask = match &frame.mask_path {
-            None => None,
-            Some(stated) => {
-                let found = at_path(&detected.root, stated).map(|found| found.photo);
-                if found.is_none() {
-                    gather.notes.push(format!("the mask {stated} is missing"));
-                }
-                masks += usize::from(found.is_some());
-                found
-            }
+        let is_stated = lens.w.or(lens.h).is_some();
+        let size = match (lens.w, lens.h) {
+            // The photo need not be asked.
+            (Some(_), Some(_)) => (0, 0),
+            _ => stored_size(&photo.photo)?,
         };
+        let camera = lens.size(size).and_then(|size| camera(&lens, size));
+        let camera = camera.map_err(bad)?;
+        check_size(&camera, is_stated).map_err(|what| {
+            let remedy = "state w and h as of the pictures that the cameras were made from, and cx and cy in these";
+            ImportError::bad(path, at_frame(what), remedy)
+        })?;
+        if let (Some(stated), None) = (stated_mask, &mask) {
+            gather.notes.push(format!("the mask {stated} is missing"));
+        }
+        masks.of_views.push(mask);
         gather.views.push(Found {
             photo,
-            mask,
+            mask: None,
             camera,
             camera_from_world,
         });
     }
-    if masks > 0 {
-        gather.notes.push(format!("mask_path gives {masks} masks"));
-    }
+    masks.give(&mut gather);
     if path
         .file_name()
         .is_some_and(|name| name == "transforms_train.json")
@@ -171,6 +248,39 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         );
     }
     gather.finish(detected.format, &detected.root, path)
+}
+
+/// Masks by their paths: of the views, and of frames that are none.
+#[derive(Default)]
+struct Masks {
+    of_views: Vec<Option<Match>>,
+    others: Vec<Match>,
+}
+
+impl Masks {
+    /// To each view its own. Where a scene was moved, a path without its folders may lead to the mask of another frame;
+    /// of several paths that fit a mask alike, as those of two folders do where it is in neither, none does.
+    fn give(self, gather: &mut Gather) {
+        let found: Vec<&Match> = self.of_views.iter().flatten().collect();
+        let mut claims = other_claims(&found, &self.others).into_iter();
+        let mut given = 0;
+        for (view, mask) in gather.views.iter_mut().zip(self.of_views) {
+            let Some(mask) = mask else { continue };
+            let Some((_, rival)) = claims.next().flatten() else {
+                view.mask = Some(mask.photo);
+                given += 1;
+                continue;
+            };
+            gather.notes.push(format!(
+                "the mask {} is missing: {} may as well be {rival}",
+                mask.stated,
+                mask.photo.display()
+            ));
+        }
+        if given > 0 {
+            gather.notes.push(format!("mask_path gives {given} masks"));
+        }
+    }
 }
 
 /// A picture size, which some tools write as 800.0.
@@ -311,7 +421,8 @@ mod tests {
     #[test]
     fn a_frames_focal_length_is_its_own_however_it_is_stated() {
         let focal = |frame: &str, file: &str| {
-            let [frame, file]: [Lens; 2] = [frame, file].map(|s| serde_json::from_str(s).unwrap());
+            let lens = |text| Lens::of(&serde_json::from_str(text).unwrap()).unwrap();
+            let [frame, file] = [frame, file].map(lens);
             let camera = camera(&frame.over(&file), (200, 100)).unwrap();
             [camera.params[0].round(), camera.params[1].round()]
         };

@@ -8,10 +8,10 @@ use crate::error::{ImportError, load_text};
 use crate::format::Detected;
 use crate::gather::{Found, Gather, Imported};
 use crate::lens::Frame;
-use crate::photos::Lookup;
+use crate::photos::{Lookup, stored_size};
 use crate::pose;
 use glam::{DMat3, DQuat, DVec2, DVec3};
-use io_colmap::{Camera, Pose};
+use io_colmap::{Camera, Pose, same_shape};
 use std::path::Path;
 
 /// A photo is between poses no farther apart than this, in seconds: the motion capture loses sight
@@ -54,7 +54,7 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
     let path = &detected.source;
     let samples = trajectory(path)?;
     let mut gather = Gather::default();
-    let camera = camera(root, &mut gather.notes)?;
+    let (camera, is_guess) = camera(root, &mut gather.notes)?;
     let photos = Lookup::new(root, images)?;
     gather.leave_out(photos.left_out());
     let list = root.join("rgb.txt");
@@ -81,6 +81,18 @@ pub(crate) fn read(detected: &Detected, images: Option<&Path>) -> Result<Importe
         };
         let camera_from_world = camera_from_world
             .map_err(|what| ImportError::line(&list, line, what, "remove the line"))?;
+        let (width, height) = stored_size(&photo.photo)?;
+        if is_guess && !same_shape((width, height), (camera.width, camera.height)) {
+            return Err(ImportError::bad(
+                &photo.photo,
+                format!(
+                    "the photo is {width}x{height}, and intrinsics are not known: they are in none of the folder's files, \
+                     and what is guessed is for {}x{}",
+                    camera.width, camera.height
+                ),
+                "write photos and poses as transforms.json, which states fl_x, fl_y, cx, cy, w and h, or as a COLMAP model",
+            ));
+        }
         gather.views.push(Found {
             photo,
             mask: None,
@@ -169,7 +181,8 @@ fn pose_at(samples: &[Sample], time: f64) -> Option<Result<Pose, String>> {
     Some(pose::camera_from_world(DMat3::from_quat(rotation), centre))
 }
 
-fn camera(root: &Path, notes: &mut Vec<String>) -> Result<Camera, ImportError> {
+/// The camera, and whether it is a guess.
+fn camera(root: &Path, notes: &mut Vec<String>) -> Result<(Camera, bool), ImportError> {
     let full = root.canonicalize().unwrap_or_else(|_| root.to_path_buf());
     let name = full
         .file_name()
@@ -204,6 +217,7 @@ fn camera(root: &Path, notes: &mut Vec<String>) -> Result<Camera, ImportError> {
     };
     frame
         .perspective([k1, k2, k3, 0.0], [p1, p2])
+        .map(|camera| (camera, known.is_none()))
         .map_err(|what| ImportError::bad(root, what, "this is a fault of the program"))
 }
 

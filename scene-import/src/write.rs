@@ -82,7 +82,7 @@ impl Imported {
                     fs::copy(photo, &to).map_err(|e| ImportError::io("copy", photo, e))?;
                     return Ok(false);
                 }
-                let picture = read_photo(photo, size(&self.model, view.camera_id))?;
+                let picture = read_photo(photo, photo_size(&self.model, view.camera_id))?;
                 write_png(&alpha::flatten(&picture), &to)?;
                 match (chosen, alpha::mask(&picture)) {
                     (Chosen::Alpha { .. }, Some(mask)) => {
@@ -160,7 +160,8 @@ impl Imported {
             .zip(&self.photos)
             .map(|(view, photo)| {
                 let header = PhotoHeader::read(photo)?;
-                Ok(header.has_alpha || header.is_turned_for(size(&self.model, view.camera_id)))
+                Ok(header.has_alpha
+                    || header.is_turned_for(photo_size(&self.model, view.camera_id)))
             })
             .collect::<Result<_, ImportError>>()?;
         let mut order: Vec<usize> = (0..self.photos.len()).collect();
@@ -221,8 +222,16 @@ impl Imported {
     /// One sentence for each reason for which views were left out, with an example.
     #[must_use]
     pub fn dropped_sentences(&self) -> Vec<String> {
+        Dropped::sentences(&self.dropped)
+    }
+}
+
+impl Dropped {
+    /// One sentence for each reason for which these were left out, with an example.
+    #[must_use]
+    pub fn sentences<'a>(all: impl IntoIterator<Item = &'a Dropped>) -> Vec<String> {
         let mut examples: Vec<(&Dropped, usize)> = Vec::new();
-        for dropped in &self.dropped {
+        for dropped in all {
             match examples.iter_mut().find(|(it, _)| it.why == dropped.why) {
                 Some((_, count)) => *count += 1,
                 None => examples.push((dropped, 1)),
@@ -241,7 +250,8 @@ impl Imported {
     }
 }
 
-fn size(model: &Model, camera_id: u32) -> (u32, u32) {
+/// The size of the photos of a camera.
+pub(crate) fn photo_size(model: &Model, camera_id: u32) -> (u32, u32) {
     let camera = model.cameras.get(&camera_id);
     camera.map_or((0, 0), |camera| (camera.width, camera.height))
 }

@@ -340,3 +340,51 @@ fn only_a_captured_scene_is_replaced() {
         );
     }
 }
+
+#[test]
+fn what_has_come_meanwhile_stays_and_so_do_the_poses() {
+    let shop = Workshop::new();
+    let source = Source::Photos(shop.photos(&NAMES));
+    for attempt in 0..3 {
+        shop.model(attempt, 0, &NAMES);
+    }
+    let out = shop.path("scene");
+    let theirs = out.display();
+    let make = |existing, meanwhile: &str| {
+        let before = format!("if [ $1 = mapper ]; then {meanwhile}; fi");
+        let tools = Tools {
+            colmap: shop.colmap(Dialect::Three, &before),
+            ffmpeg: None,
+        };
+        let options = CaptureOptions {
+            existing,
+            ..CaptureOptions::default()
+        };
+        capture(&source, &out, &tools, &options, &())
+            .map(|captured| captured.photos)
+            .map_err(|error| error.to_string())
+    };
+    let refused = make(
+        Existing::Keep,
+        &format!("mkdir '{theirs}'; touch '{theirs}/theirs'"),
+    );
+    let (refused, kept) = (refused.unwrap_err(), shop.path("scene-2"));
+    let says = format!(
+        "such as theirs; it came while poses were looked for; the captured scene is {}",
+        kept.display()
+    );
+    assert!(refused.contains(&says), "{refused}");
+    assert!(out.join("theirs").is_file() && !out.join("sparse").exists());
+    assert_eq!(io_colmap::Scene::open(&kept).unwrap().model.views.len(), 4);
+    assert!(kept.join("capture.txt").is_file());
+
+    // What was to be replaced was a captured scene, and is none any more.
+    fs::write(out.join("capture.txt"), "").unwrap();
+    let refused = make(Existing::Replace, &format!("rm '{theirs}/capture.txt'"));
+    assert!(refused.unwrap_err().contains("scene-3 instead"));
+    assert!(out.join("theirs").is_file() && shop.path("scene-3/sparse/0").is_dir());
+    // As long as it is one, it makes place.
+    fs::write(out.join("capture.txt"), "").unwrap();
+    assert_eq!(make(Existing::Replace, "true"), Ok(4));
+    assert!(!out.join("theirs").exists() && !shop.has_leftovers());
+}

@@ -147,3 +147,42 @@ fn frames_are_taken_from_a_video_of_ten_bits() {
     let first = image::open(frames.join("frame_00001.jpg")).unwrap();
     assert_eq!((first.width(), first.height()), (320, 240));
 }
+
+#[test]
+fn frames_of_an_interlaced_video_show_one_moment() {
+    let ffmpeg = Ffmpeg::find();
+    if !found("ffmpeg on an interlaced video", ffmpeg.as_ref().err()) {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    // What is seen moves sideways by ten pixels between the rows of a picture.
+    let moving = "-f lavfi -i testsrc2=size=320x240:rate=50 -t 3 \
+        -vf scroll=h=0.03,tinterlace=interleave_top,setfield=tff \
+        -flags +ilme+ildct -c:v mpeg2video -q:v 2 rows.mpg";
+    if !made(dir.path(), moving) {
+        return;
+    }
+    let frames = dir.path().join("frames");
+    std::fs::create_dir(&frames).unwrap();
+    let options = CaptureOptions::default().frames;
+    let video = dir.path().join("rows.mpg");
+    let taken = ffmpeg.unwrap().take_frames(&video, &frames, &options, &());
+    let taken = taken.unwrap();
+    assert!(
+        taken.notes.iter().any(|note| note.contains("interlaced")),
+        "{taken:?}"
+    );
+    let first = image::open(frames.join("frame_00001.jpg")).unwrap();
+    let first = first.into_luma8();
+    // Rows of another moment differ more from their neighbours than from those beyond.
+    let difference = |apart: u32| -> u64 {
+        let rows = 2..first.height();
+        let pairs = rows.flat_map(|y| (0..first.width()).map(move |x| [(x, y), (x, y - apart)]));
+        let differences = pairs.map(|[a, b]| {
+            let [a, b] = [a, b].map(|(x, y)| first.get_pixel(x, y).0[0]);
+            u64::from(a.abs_diff(b))
+        });
+        differences.sum()
+    };
+    assert!(difference(1) < difference(2), "{taken:?}");
+}

@@ -110,6 +110,35 @@ fn videos_that_show_too_little_are_refused() {
 }
 
 #[test]
+fn frames_are_described_as_they_come() {
+    let shop = Workshop::new();
+    let video = shop.path("v.mp4");
+    fs::write(&video, "").unwrap();
+    let pictures: Vec<_> = (0..16).map(|i| stripes(i * 3, 90)).collect();
+    let ffmpeg = shop.ffmpeg(&pictures, SECONDS, "");
+    let answer = fs::read_to_string(shop.path("ffprobe")).unwrap();
+    let (_, rest) = answer.split_once('\n').unwrap();
+    // Of pixels that are twice as wide as they are high, in rows of two moments.
+    let rest = rest.replace(
+        "\"width\": 64",
+        "\"sample_aspect_ratio\": \"2:1\", \"field_order\": \"tt\", \"width\": 32",
+    );
+    shop.script("ffprobe", &rest);
+    let frames = shop.path("frames");
+    fs::create_dir(&frames).unwrap();
+    let options = FrameOptions::default();
+    let taken = ffmpeg.take_frames(&video, &frames, &options, &()).unwrap();
+    for says in ["8 frames of 64x48 are taken", "the video is interlaced"] {
+        assert!(
+            taken.notes.iter().any(|note| note.starts_with(says)),
+            "{:?}",
+            taken.notes
+        );
+    }
+    assert!(shop.told()[0].contains(" -vf yadif=deint=interlaced,fps="));
+}
+
+#[test]
 fn files_that_are_no_videos_are_refused() {
     let shop = Workshop::new();
     let ffmpeg = shop.ffmpeg(&[], SECONDS, "");

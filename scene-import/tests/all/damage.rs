@@ -249,6 +249,59 @@ fn matrices_that_are_no_poses_are_refused() {
 }
 
 #[test]
+fn values_of_another_kind_are_named_with_their_frame_and_key() {
+    let refused = |change: &dyn Fn(&mut Value), says: &str| {
+        let dir = tempfile::tempdir().unwrap();
+        fixtures::transforms(dir.path(), change);
+        let error = open(dir.path()).unwrap_err();
+        assert_helps(&error);
+        assert!(error.to_string().contains(says), "{error}");
+    };
+    let frame = |file: &mut Value, key: &str, value: Value| file["frames"][2][key] = value;
+    refused(
+        &|file| file["w"] = json!("96"),
+        "transforms.json: w: invalid type: string",
+    );
+    refused(
+        &|file| frame(file, "k1", json!([0.1])),
+        "frame 3 (images/0003.png): k1: invalid type: sequence",
+    );
+    refused(
+        &|file| frame(file, "transform_matrix", json!("none")),
+        "frame 3 (images/0003.png): transform_matrix: ",
+    );
+    refused(
+        &|file| frame(file, "transform_matrix", Value::Null),
+        "frame 3 (images/0003.png): transform_matrix is missing",
+    );
+    refused(
+        &|file| frame(file, "file_path", json!(3)),
+        "frame 3: file_path: invalid type: integer",
+    );
+    refused(&|file| file["frames"][2] = json!(7), "frame 3: it is no");
+    refused(&|file| file["frames"] = json!({}), "frames: there is no");
+    refused(&|file| *file = json!([]), "it is no object with frames");
+}
+
+#[test]
+fn intrinsics_that_nobody_knows_are_said_to_be_unknown() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = dir.path().join("desk");
+    fixtures::tum(&scene);
+    // In the benchmark's shape, a guess will do.
+    assert_eq!(open(&scene).unwrap(), 4);
+    crate::rig::write_photo(&scene.join("rgb/0002.png"), 128, 72);
+    let error = open(&scene).unwrap_err();
+    assert_helps(&error);
+    let error = error.to_string();
+    assert!(
+        error.contains("rgb/0002.png: the photo is 128x72, and intrinsics are not known")
+            && error.contains("transforms.json"),
+        "{error}"
+    );
+}
+
+#[test]
 fn counts_that_do_not_agree_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     fixtures::llff(&dir.path().join("llff"), "images");

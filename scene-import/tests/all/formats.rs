@@ -33,6 +33,8 @@ fn transforms_with_a_pinhole() {
         "{:?}",
         imported.dropped
     );
+    let missing: Vec<bool> = imported.dropped.iter().map(|d| d.is_missing()).collect();
+    assert_eq!(missing, [true, false], "one photo is there");
     assert_eq!(imported.model.views[0].name, "0001.png");
 }
 

@@ -260,8 +260,12 @@ fn a_coco_picture_without_folders_is_no_photos_that_share_its_name() {
         "images/right/a.png",
         "data/images/right/a.png",
     ] {
-        let (written, _) = import_with(name);
+        let (written, out) = import_with(name);
         assert_eq!(written.masks, 2, "{name}");
+        let drawn = out.join("masks/right/a.png");
+        let drawn = image::open(drawn).unwrap().into_luma8();
+        assert!(drawn == mask(255, 0), "{name}");
+        assert!(!out.join("masks/left").exists(), "{name}");
     }
 }
 
@@ -278,7 +282,15 @@ fn coco_files_for_other_photos_are_refused() {
     let images = json!([{"id": 1, "file_name": "0001.png", "width": 96, "height": 64}]);
     let with = |segmentation: serde_json::Value| json!({"images": images, "annotations": [{"image_id": 1, "segmentation": segmentation}]});
     refused(json!({"images": [], "annotations": []}), "no pictures");
-    refused(with(json!([])), "has an outline");
+    // Boxes, as tools write them; a line has no inside either.
+    for no_outline in [
+        json!([]),
+        json!([[]]),
+        json!([[20, 10, 70, 10]]),
+        json!([20, 10]),
+    ] {
+        refused(with(no_outline), "has an outline");
+    }
     refused(
         with(json!({"size": [64, 96], "counts": [1, 2]})),
         "cover 3 pixels",
