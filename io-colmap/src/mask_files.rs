@@ -128,11 +128,13 @@ impl MaskFiles {
             .collect();
         let mut notes: Vec<String> = matches.guess.into_iter().collect();
         notes.extend(about_masks);
-        let unused = files.len() - paths.iter().flatten().count();
-        if unused > 0 {
+        let used: HashSet<usize> = matches.mask_of.iter().flatten().copied().collect();
+        let unused = files.len() - used.len();
+        if let Some(first) = (0..files.len()).find(|i| !used.contains(i)) {
             notes.push(format!(
-                "{unused} files in {} belong to no registered photo",
-                dir.display()
+                "{unused} files in {}, such as {}, belong to no registered photo, or to one that has a mask",
+                dir.display(),
+                files[first]
             ));
         }
         Ok(MaskFiles {

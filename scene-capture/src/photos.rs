@@ -80,14 +80,19 @@ impl PhotoSet {
             }
         }
         photos.sort_by(|a, b| a.name.cmp(&b.name));
+        if photos.len() < FEWEST || heif.len() > photos.len() {
+            let others = Others {
+                listing,
+                heif: heif.len(),
+                unreadable,
+            };
+            return Err(too_few(&root, photos.len(), &others));
+        }
         if let Some((name, why)) = unreadable.first() {
             notes.push(format!(
-                "{} files are no readable photos and are left out, such as {name} ({why})",
+                "{} files are no photos that can be used and are left out, such as {name:?} ({why})",
                 unreadable.len()
             ));
-        }
-        if photos.len() < FEWEST || heif.len() > photos.len() {
-            return Err(too_few(&root, photos.len(), &listing, heif.len()));
         }
         if let Some(first) = heif.first() {
             notes.push(format!(
@@ -142,8 +147,23 @@ pub(crate) fn has_photos(folder: &Path) -> bool {
     })
 }
 
-/// `listing` without the names of the `count` photos; `heif` are how many phones took that cannot be read.
-fn too_few(root: &Path, count: usize, listing: &Listing, heif: usize) -> CaptureError {
+/// What is in a folder besides its photos.
+struct Others {
+    /// Without the photos' names.
+    listing: Listing,
+    /// How many phones took that cannot be read.
+    heif: usize,
+    /// Names, and why they are no photos that can be used.
+    unreadable: Vec<(String, String)>,
+}
+
+/// That there are no more than `count` photos.
+fn too_few(root: &Path, count: usize, others: &Others) -> CaptureError {
+    let Others {
+        listing,
+        heif,
+        unreadable,
+    } = others;
     let what = if count == 0 {
         "it holds no photos (JPEG, PNG, WebP or TIFF)".to_owned()
     } else {
@@ -157,7 +177,7 @@ fn too_few(root: &Path, count: usize, listing: &Listing, heif: usize) -> Capture
             ),
             "rename those, or the folders they are in".to_owned(),
         )
-    } else if heif > 0 {
+    } else if *heif > 0 {
         (
             format!("{what}, and {heif} HEIC or AVIF files"),
             "convert those to JPEG first, which a phone also does when it is set to most compatible".to_owned(),
@@ -169,6 +189,14 @@ fn too_few(root: &Path, count: usize, listing: &Listing, heif: usize) -> Capture
                 folder.display()
             ),
             io_colmap::remedy(error).to_owned(),
+        )
+    } else if let Some((name, why)) = unreadable.first() {
+        (
+            format!(
+                "{what} that can be used, and {} others, such as {name:?} ({why})",
+                unreadable.len()
+            ),
+            "rename or replace those".to_owned(),
         )
     } else {
         (
@@ -183,7 +211,8 @@ fn too_few(root: &Path, count: usize, listing: &Listing, heif: usize) -> Capture
 fn look(root: &Path, name: String) -> Result<Photo, (String, String)> {
     // COLMAP reads lists of names line by line, and trims the lines.
     if name.trim() != name || name.contains(['\n', '\r']) {
-        return Err((name, "its name begins or ends with a blank".to_owned()));
+        let why = "its name begins or ends with a blank, or has a line break in it";
+        return Err((name, why.to_owned()));
     }
     let path = root.join(&name);
     match PhotoHeader::read(&path) {
@@ -413,5 +442,13 @@ mod tests {
         std::fs::write(dir.path().join("b.HEIC"), "").unwrap();
         assert!(said(dir.path()).contains("1 HEIC or AVIF files; convert"));
         assert!(said(&dir.path().join("x")).contains("no such folder"));
+
+        let dir = tempfile::tempdir().unwrap();
+        for name in [" a.png", "b\nc.png"] {
+            photo(&dir.path().join(name), 8);
+        }
+        let said = said(dir.path());
+        assert!(said.contains("2 others, such as \" a.png\""), "{said}");
+        assert!(said.contains("begins or ends with a blank") && said.contains("rename"));
     }
 }

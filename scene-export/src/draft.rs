@@ -3,7 +3,7 @@
 use crate::error::ExportError;
 use crate::record::{RECORD, refuse_others, with_files};
 use draft_folder::{Draft as Folder, Existing, Occupant};
-use io_colmap::{ColmapError, Model};
+use io_colmap::Model;
 use std::fs;
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
@@ -108,16 +108,12 @@ impl Draft {
 
     /// Writes a COLMAP model into a folder, in binary.
     pub(crate) fn write_model(&self, model: &Model, name: &str) -> Result<(), ExportError> {
-        use ColmapError as E;
         let mut error = match model.write_binary(&self.folder.path().join(name)) {
             Ok(()) => return Ok(()),
             Err(error) => error,
         };
-        let (E::Io { path, .. }
-        | E::Format { path, .. }
-        | E::Scene { path, .. }
-        | E::Mask { path, .. }) = &mut error;
-        *path = self.goal_of(path);
+        let place = self.goal_of(error.path_mut());
+        *error.path_mut() = place;
         Err(error.into())
     }
 

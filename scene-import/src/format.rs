@@ -1,7 +1,7 @@
 //! Which tool a folder's poses come from.
 
 use crate::error::ImportError;
-use io_colmap::Scene;
+use io_colmap::{PICTURE_ENDINGS, Scene, Search};
 use std::fmt;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
@@ -31,6 +31,13 @@ pub enum Format {
 }
 
 use Format as F;
+
+/// Photos, however deep.
+const PHOTOS: Search<'static> = Search {
+    depth: 4,
+    endings: &PICTURE_ENDINGS,
+    mask_folders: true,
+};
 
 /// The files of a COLMAP model, without endings.
 const COLMAP_FILES: [&str; 5] = ["cameras", "images", "points3D", "rigs", "frames"];
@@ -243,13 +250,19 @@ pub fn detect(path: &Path, stated: Option<Format>) -> Result<Detected, ImportErr
     }
     let mut found = found.into_iter();
     let Some((format, source)) = found.next() else {
-        return Err(ImportError::bad(
-            path,
-            "no camera poses were found: no COLMAP model (sparse/), transforms.json, \
-             poses_bounds.npy, cameras_sphere.npz, cams/, frame_annotations.jgz, rgb.txt with \
-             groundtruth.txt, Metashape XML or RealityCapture CSV",
-            "run COLMAP on the photos first, or put the poses beside images/",
-        ));
+        let what = "no camera poses were found: no COLMAP model (sparse/), transforms.json, \
+                    poses_bounds.npy, cameras_sphere.npz, cams/, frame_annotations.jgz, rgb.txt with \
+                    groundtruth.txt, Metashape XML or RealityCapture CSV";
+        let has_photos = PHOTOS
+            .list(root)
+            .map_or(true, |listing| listing.count() + listing.closed.len() > 0);
+        return Err(if has_photos {
+            let remedy = "run COLMAP on the photos first, or put the poses beside images/";
+            ImportError::bad(path, what, remedy)
+        } else {
+            let remedy = "give the folder that the photos are in";
+            ImportError::bad(path, format!("there are no photos, and {what}"), remedy)
+        });
     };
     Ok(Detected {
         format,

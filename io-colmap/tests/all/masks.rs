@@ -96,6 +96,23 @@ fn masks_beside_the_photos_and_in_sorted_order() {
     assert!(error.contains("; name each mask like its photo"), "{error}");
 }
 
+#[test]
+fn a_second_mask_of_a_photo_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = scene(dir.path());
+    let masks = dir.path().join("masks");
+    for name in ["p0.png", "p1.png", "p1_mask.png"] {
+        save(&masks, name, disc(64, 48, 255, 0));
+    }
+    let set = MaskSet::find(&masks, &scene, None).unwrap();
+    let says = "such as p1_mask.png, belong to no registered photo, or to one that has a mask";
+    assert!(
+        set.notes.iter().any(|note| note.contains(says)),
+        "{:?}",
+        set.notes
+    );
+}
+
 #[cfg(unix)]
 #[test]
 fn a_closed_sub_folder_costs_no_mask_in_others() {

@@ -482,7 +482,7 @@ fn what_is_found_is_said_and_may_be_overruled() {
     let empty = tempfile::tempdir().unwrap();
     let error = detect(empty.path(), None).unwrap_err().to_string();
     assert!(
-        error.contains("no camera poses") && error.contains("COLMAP"),
+        error.contains("no photos, and no camera poses") && error.contains("COLMAP"),
         "{error}"
     );
     assert!(detect(&empty.path().join("x"), None).is_err());
