@@ -15,7 +15,7 @@ pub enum Durability {
 }
 
 /// Writes a file beside its place and renames it: a full disk leaves no half of it, and what was there stays. Its
-/// folder is made if need be. What is no file, such as a pipe or `/dev/stdout`, is written to as it is.
+/// folder is made if need be. What is no file, such as a pipe or a terminal, is written to as it is.
 ///
 /// # Errors
 /// When the folder cannot be made or the file not be written, or what `fill` says.
@@ -33,6 +33,9 @@ pub fn write_file(
             out.flush()
         };
         return to_end().map_err(write);
+    }
+    if path.is_dir() {
+        return Err(write(io::ErrorKind::IsADirectory.into()));
     }
     let folder = parent(path);
     fs::create_dir_all(folder).map_err(failed("create the folder", folder))?;
@@ -78,7 +81,9 @@ mod tests {
         write_file(&path, Durability::Program, |out| out.write_all(b"second")).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"second");
         assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
-        assert!(write_file(root.path(), Durability::Program, |_| Ok(())).is_err());
+        let said = write_file(root.path(), Durability::Program, |_| Ok(()));
+        let said = said.unwrap_err().to_string();
+        assert!(said.ends_with("; choose another file"), "{said}");
     }
 
     #[cfg(target_os = "linux")]

@@ -68,6 +68,7 @@ impl DraftError {
     pub fn remedy(&self) -> &'static str {
         match self.source.kind() {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space",
+            io::ErrorKind::IsADirectory => "choose another file",
             _ => "choose a folder that can be written to",
         }
     }

@@ -1,5 +1,6 @@
 //! Which mask file belongs to which photo.
 
+use crate::endings::without_ending;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// From a photo's stem and full name to its mask's name without ending.
@@ -35,24 +36,6 @@ pub(crate) struct Matches {
 pub(crate) struct Whole {
     pub(crate) all_photos: bool,
     pub(crate) masks: bool,
-}
-
-/// A photo's or mask's path without its last ending: `a/b.jpg.png` gives `a/b.jpg`. A name that begins with a dot has none.
-#[must_use]
-pub fn without_ending(path: &str) -> &str {
-    let file_at = path.rfind('/').map_or(0, |i| i + 1);
-    match path[file_at..].rfind('.') {
-        Some(dot) if dot > 0 => &path[..file_at + dot],
-        _ => path,
-    }
-}
-
-/// The first two of these paths that differ only in their ending, and so in nothing that a mask or a result is named by.
-pub fn alike_without_ending<'a>(paths: impl IntoIterator<Item = &'a str>) -> Option<[&'a str; 2]> {
-    let mut known = HashMap::new();
-    paths
-        .into_iter()
-        .find_map(|path| Some([known.insert(without_ending(path), path)?, path]))
 }
 
 fn split_folder(path: &str) -> (&str, &str) {
@@ -121,29 +104,37 @@ fn by_name(photos: &[&str], masks: &[String]) -> Option<Matches> {
         }
     }
     let by_end = by_end(by_key.iter().map(|(key, i)| (*key, *i)));
+    let path_of = |photo: &str, key: Naming| {
+        let (folder, name) = split_folder(photo);
+        format!("{folder}{}", key(without_ending(name), name))
+    };
     let mut bare_count: HashMap<&str, usize> = HashMap::new();
     for photo in photos {
         *bare_count
             .entry(without_ending(split_folder(photo).1))
             .or_default() += 1;
     }
-    let find = |photo: &str, key: Naming| -> Option<usize> {
+    let beside = |photo: &str, key: Naming| -> Option<usize> {
         let (folder, name) = split_folder(photo);
-        let wanted = key(without_ending(name), name);
-        let whole = format!("{folder}{wanted}");
         let without_folder = || {
             // Only where that cannot be mistaken.
             let unique = !folder.is_empty() && bare_count.get(without_ending(name)) == Some(&1);
+            let wanted = key(without_ending(name), name);
             unique.then(|| by_key.get(wanted.as_str()).copied())?
         };
-        // Masks may lie in folders that photos' names leave out, as all of them are in these.
-        let in_folder = || by_end.get(whole.as_str()).copied().flatten();
-        by_key
-            .get(whole.as_str())
-            .copied()
-            .or_else(without_folder)
-            .or_else(in_folder)
+        let direct = by_key.get(path_of(photo, key).as_str()).copied();
+        direct.or_else(without_folder)
     };
+    let further_in = |photo: &str, key: Naming| {
+        let end = by_end.get(path_of(photo, key).as_str());
+        end.copied().flatten()
+    };
+    // All masks may lie in a folder that photos' names leave out. Where some do not, others in folders are of other use.
+    named_by(photos, beside).or_else(|| named_by(photos, further_in))
+}
+
+/// Photos' masks as `find` has them for each way of naming: by those that fit most photos first.
+fn named_by(photos: &[&str], find: impl Fn(&str, Naming) -> Option<usize>) -> Option<Matches> {
     let mut schemes: Vec<(usize, &str, Naming)> = SCHEMES
         .iter()
         .map(|&(label, key)| {
@@ -342,6 +333,11 @@ mod tests {
             pairs(&photos, &["cam1/a.png", "cam2/a.png", "cam1/b_mask.png"]),
             Some(vec![None, Some(2)])
         );
+        // Pictures of other use do not stand in for masks that are named otherwise.
+        assert_eq!(
+            pairs(&photos, &["a_mask.png", "vis/a.png", "vis/b.png"]),
+            Some(vec![Some(0), None])
+        );
         // One that lies beside it is the photo's own.
         assert_eq!(
             pairs(&photos, &["cam1/a.png", "a.png"]),
@@ -356,28 +352,6 @@ mod tests {
             pairs(&photos, &["cam1/a.jpg", "cam1/a.png"]),
             Some(vec![Some(1), None])
         );
-    }
-
-    #[test]
-    fn paths_that_differ_in_their_ending_are_alike() {
-        let alike = |paths: &[&'static str]| alike_without_ending(paths.iter().copied());
-        assert_eq!(
-            alike(&["b.jpg", "a/1.jpg", "c.png", "a/1.png"]),
-            Some(["a/1.jpg", "a/1.png"])
-        );
-        assert_eq!(alike(&["a/1.jpg", "b/1.jpg", "a/1.jpg.png"]), None);
-    }
-
-    #[test]
-    fn endings_go_and_folders_stay() {
-        for (name, stem) in [
-            ("a/b.jpg", "a/b"),
-            ("a.b/c", "a.b/c"),
-            ("a/.hidden", "a/.hidden"),
-            ("x.y.png", "x.y"),
-        ] {
-            assert_eq!(without_ending(name), stem);
-        }
     }
 
     #[test]

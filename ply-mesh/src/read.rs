@@ -109,6 +109,17 @@ impl PropertyAccess for Vertex {
     }
 
     fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
+        let at = |names: [&str; 3]| names.iter().position(|known| *known == name);
+        let [place, normal, colour] = [
+            ["x", "y", "z"],
+            ["nx", "ny", "nz"],
+            ["red", "green", "blue"],
+        ]
+        .map(at);
+        // Whatever its type is.
+        if place.or(normal).or(colour).is_none() {
+            return PropertyAccessResult::Ignored;
+        }
         let number = match value {
             Property::Char(v) => f64::from(v),
             Property::UChar(v) => f64::from(v),
@@ -120,15 +131,12 @@ impl PropertyAccess for Vertex {
             Property::Double(v) => v,
             _ => return PropertyAccessResult::UnsupportedType,
         };
-        let at = |names: [&str; 3]| names.iter().position(|known| *known == name);
-        if let Some(axis) = at(["x", "y", "z"]) {
+        if let Some(axis) = place {
             self.position[axis] = number;
-        } else if let Some(axis) = at(["nx", "ny", "nz"]) {
+        } else if let Some(axis) = normal {
             self.normal[axis] = number as f32;
-        } else if let Some(channel) = at(["red", "green", "blue"]) {
+        } else if let Some(channel) = colour {
             self.colour[channel] = number.clamp(0.0, 255.0) as u8;
-        } else {
-            return PropertyAccessResult::Ignored;
         }
         PropertyAccessResult::Set
     }

@@ -6,8 +6,8 @@ use ply_mesh::Mesh;
 use std::fs;
 
 const ASCII: &str = "ply\nformat ascii 1.0\ncomment a square\nelement vertex 4\nproperty double x\nproperty float y\n\
-property float z\nproperty uchar red\nelement edge 1\nproperty int v\nelement face 1\nproperty uchar flags\n\
-property list uchar uint vertex_index\nend_header\n0 0 0 9\n1 0 0 9\n1 1 0 9\n0 1 0 9\n3\n7 4 0 1 2 3\n";
+property float z\nproperty uchar red\nproperty list uchar int views\nelement edge 1\nproperty int v\nelement face 1\nproperty uchar flags\n\
+property list uchar uint vertex_index\nend_header\n0 0 0 9 0\n1 0 0 9 1 5\n1 1 0 9 0\n0 1 0 9 0\n3\n7 4 0 1 2 3\n";
 
 /// A unit square of two triangles at `z = 0`.
 fn square() -> Mesh {
@@ -122,7 +122,7 @@ fn damaged_files_are_told_in_one_line() {
         (
             ASCII
                 .replace("property float z\n", "")
-                .replace(" 0 9", " 9"),
+                .replace(" 0 9 ", " 9 "),
             "vertex 0 has no finite",
         ),
         (ASCII.replace("1 1 0 9", "1 nan 0 9"), "mesh.ply"),

@@ -2,8 +2,8 @@
 
 use crate::error::CaptureError;
 use crate::photos::FEWEST;
-use io_colmap::{Listing, Search, without_ending};
-use std::collections::{BTreeMap, HashSet};
+use io_colmap::{Listing, PhotoHeader, Search, same_shape, without_ending};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// Endings of photos, in small letters. OpenEXR is left out: COLMAP 3 does not read it.
@@ -33,6 +33,8 @@ pub(crate) struct PhotoFiles {
     pub(crate) listing: Listing,
     /// What phones have taken in the same places, without those that were converted: a photo bears their name.
     pub(crate) heif: Vec<String>,
+    /// How many of those have been converted.
+    pub(crate) converted: usize,
     /// What was left out.
     pub(crate) notes: Vec<String>,
 }
@@ -41,6 +43,7 @@ impl PhotoFiles {
     /// Those in `images/`, `input/` or `photos/`, else those in the folder itself, else, or where these are too few, those
     /// in its sub-folders.
     pub(crate) fn find(folder: &Path) -> Result<Self, CaptureError> {
+        let mut of_phones = None;
         for name in PHOTO_FOLDERS {
             let inner = folder.join(name);
             if inner.is_dir() {
@@ -49,11 +52,14 @@ impl PhotoFiles {
                     listing: PHOTOS.list(&inner).unwrap_or_default(),
                     heif: HEIF.list(&inner).unwrap_or_default().names,
                     root: inner,
-                    notes: Vec::new(),
+                    ..Self::default()
                 };
-                if files.listing.count() > 0 || !files.heif.is_empty() {
+                if files.listing.count() > 0 {
                     files.leave_out_copies();
                     return Ok(files.without_converted());
+                }
+                if !files.heif.is_empty() {
+                    of_phones.get_or_insert(files);
                 }
             }
         }
@@ -65,9 +71,14 @@ impl PhotoFiles {
             root: folder.to_path_buf(),
             listing,
             heif: heif.names,
-            notes: Vec::new(),
+            ..Self::default()
         };
-        Ok(files.of_one_depth().without_converted())
+        let files = files.of_one_depth().without_converted();
+        // What was converted may lie beside what it was made of, and else there is nothing but that.
+        Ok(match of_phones {
+            Some(of_phones) if files.listing.count() == 0 => of_phones,
+            _ => files,
+        })
     }
 
     /// Those in the folder itself, or those in its sub-folders.
@@ -101,8 +112,8 @@ impl PhotoFiles {
         self
     }
 
-    /// Leaves out sub-folders in which every photo bears the name of one beside them, as `images/small/` does. The
-    /// folders of a rig have no photos beside them.
+    /// Leaves out sub-folders in which every photo bears the name of one beside them, and the first is a smaller picture of
+    /// the same shape, as in `images/small/`. Further cameras and walks may have the same numbers.
     fn leave_out_copies(&mut self) {
         let bare = |name: &str| {
             let name = name.rsplit('/').next().unwrap_or_default();
@@ -110,13 +121,20 @@ impl PhotoFiles {
         };
         let names = &mut self.listing.names;
         let direct = names.iter().filter(|name| is_direct(name));
-        let direct: HashSet<String> = direct.map(|name| bare(name)).collect();
+        let direct: HashMap<String, &String> = direct.map(|name| (bare(name), name)).collect();
         let mut folders: BTreeMap<String, (usize, bool)> = BTreeMap::new();
         for name in names.iter() {
             if let Some((folder, _)) = name.rsplit_once('/') {
-                let (count, are_copies) = folders.entry(folder.to_owned()).or_insert((0, true));
+                let original = direct.get(&bare(name));
+                let is_smaller = || {
+                    let [copy, original] = [name, original?].map(|name| self.root.join(name));
+                    Some(is_reduced(&copy, &original))
+                };
+                let (count, are_copies) = folders
+                    .entry(folder.to_owned())
+                    .or_insert_with(|| (0, is_smaller() == Some(true)));
                 *count += 1;
-                *are_copies &= direct.contains(&bare(name));
+                *are_copies &= original.is_some();
             }
         }
         folders.retain(|_, (_, are_copies)| *are_copies);
@@ -137,11 +155,33 @@ impl PhotoFiles {
     }
 
     fn without_converted(mut self) -> Self {
-        let bare = |name: &String| without_ending(name).to_lowercase();
+        // Converters keep the ending, as in `a.HEIC.jpg`, and put what they make elsewhere.
+        let bare = |name: &String| {
+            let file = name.rsplit('/').next().unwrap_or_default();
+            let file = without_ending(file).to_lowercase();
+            let ending = HEIF_ENDINGS
+                .iter()
+                .find_map(|ending| file.strip_suffix(ending));
+            let stem = ending
+                .and_then(|stem| stem.strip_suffix('.'))
+                .map(str::to_owned);
+            stem.unwrap_or(file)
+        };
         let photos: HashSet<String> = self.listing.names.iter().map(bare).collect();
+        let all = self.heif.len();
         self.heif.retain(|name| !photos.contains(&bare(name)));
+        self.converted = all - self.heif.len();
         self
     }
+}
+
+/// Whether a picture is smaller than another, and of its shape.
+fn is_reduced(copy: &Path, original: &Path) -> bool {
+    let [copy, original] =
+        [copy, original].map(|path| PhotoHeader::read(path).ok().map(|header| header.stored));
+    copy.zip(original).is_some_and(|(copy, original)| {
+        copy.0 < original.0 && copy.1 < original.1 && same_shape(copy, original)
+    })
 }
 
 /// Whether a file is in the folder itself.
@@ -171,15 +211,30 @@ mod tests {
 
     #[test]
     fn copies_of_photos_are_no_photos_but_a_rig_has_some_in_each_folder() {
-        let (_dir, found) = files(&[
-            "images/a.jpg",
-            "images/b.jpg",
-            "images/small/A.png",
-            "images/small/b.png",
-            "images/more/a.jpg",
-            "images/more/c.jpg",
-        ]);
-        let expected = ["a.jpg", "b.jpg", "more/a.jpg", "more/c.jpg"];
+        let dir = tempfile::tempdir().unwrap();
+        for (name, side) in [
+            ("a.png", 16),
+            ("b.png", 16),
+            ("small/A.png", 8),
+            ("small/b.png", 8),
+            ("second/a.png", 16),
+            ("second/b.png", 16),
+            ("more/a.png", 8),
+            ("more/c.png", 8),
+        ] {
+            let path = dir.path().join("images").join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            image::GrayImage::new(2 * side, side).save(path).unwrap();
+        }
+        let found = PhotoFiles::find(dir.path()).unwrap();
+        let expected = [
+            "a.png",
+            "b.png",
+            "more/a.png",
+            "more/c.png",
+            "second/a.png",
+            "second/b.png",
+        ];
         assert_eq!(found.listing.names, expected);
         let [note] = &*found.notes else {
             panic!("{:?}", found.notes);
@@ -205,6 +260,9 @@ mod tests {
         ];
         assert_eq!(heif(&nested), ["l/b.avif", "l/r/c.heif"]);
         assert_eq!(heif(&["a.jpg", "b.jpg", "c.jpg", "old/d.heic"]), [""; 0]);
-        assert_eq!(heif(&["a.jpg", "b.jpg", "images/c.heic"]), ["c.heic"]);
+        // What was converted is taken, wherever it was put.
+        assert_eq!(heif(&["a.jpg", "b.jpg", "images/c.heic"]), [""; 0]);
+        assert_eq!(heif(&["images/c.heic"]), ["c.heic"]);
+        assert_eq!(heif(&["images/A.heic.jpg", "images/heic/a.HEIC"]), [""; 0]);
     }
 }

@@ -65,6 +65,7 @@ impl PhotoSet {
             root,
             mut listing,
             heif,
+            converted,
             mut notes,
         } = PhotoFiles::find(folder)?;
         notes.extend(listing.notes("photos"));
@@ -80,7 +81,8 @@ impl PhotoSet {
             }
         }
         photos.sort_by(|a, b| a.name.cmp(&b.name));
-        if photos.len() < FEWEST || heif.len() > photos.len() {
+        // Where some were converted, whoever did it chose.
+        if photos.len() < FEWEST || (heif.len() > photos.len() && converted == 0) {
             let others = Others {
                 listing,
                 heif: heif.len(),
@@ -169,7 +171,15 @@ fn too_few(root: &Path, count: usize, others: &Others) -> CaptureError {
     } else {
         format!("it holds only {}", counted(count))
     };
-    let (what, remedy) = if !listing.unnamed.is_empty() {
+    let of_phones = || {
+        (
+            format!("{what}, and {heif} HEIC or AVIF files"),
+            "convert those to JPEG first, which a phone also does when it is set to most compatible".to_owned(),
+        )
+    };
+    let (what, remedy) = if *heif > count {
+        of_phones()
+    } else if !listing.unnamed.is_empty() {
         (
             format!(
                 "{what}, and {} whose names are not Unicode",
@@ -178,10 +188,7 @@ fn too_few(root: &Path, count: usize, others: &Others) -> CaptureError {
             "rename those, or the folders they are in".to_owned(),
         )
     } else if *heif > 0 {
-        (
-            format!("{what}, and {heif} HEIC or AVIF files"),
-            "convert those to JPEG first, which a phone also does when it is set to most compatible".to_owned(),
-        )
+        of_phones()
     } else if let Some((folder, error)) = listing.closed.first() {
         (
             format!(

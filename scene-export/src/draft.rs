@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 pub struct Draft {
     folder: Folder,
+    existing: Existing,
 }
 
 impl Draft {
@@ -49,7 +50,7 @@ impl Draft {
             Err(error) => return Err(ExportError::io("list", out, error)),
         }
         let folder = Folder::beside(out)?;
-        Ok(Self { folder })
+        Ok(Self { folder, existing })
     }
 
     /// Where a file belongs, with the folders on the way.
@@ -126,7 +127,11 @@ impl Draft {
         let text = with_files(record, self.folder.path())
             .map_err(|e| ExportError::io("list", self.folder.place(), e))?;
         self.write(RECORD, |out| out.write_all(text.as_bytes()))?;
-        Ok(self.folder.replace()?)
+        Ok(match self.existing {
+            // Somebody may have put something there meanwhile.
+            Existing::Keep => self.folder.finish(),
+            Existing::Replace => self.folder.replace(),
+        }?)
     }
 }
 

@@ -58,7 +58,7 @@ pub use mesh::mesh_of_run;
 pub use picture::{Kind, Picture, encoding_error};
 pub use product::{MaskTool, Product, Target};
 pub use record::{RECORD, files_of_others};
-pub use run::{CAMERAS, key_of, quoted};
+pub use run::{CAMERAS, has_ended, key_of, quoted};
 
 use run::Run;
 use std::path::{Path, PathBuf};

@@ -17,7 +17,14 @@ pub fn mesh_of_run(root: &Path) -> Result<Mesh, ExportError> {
     };
     if !path.is_file() {
         if has_ended(root) == Some(true) {
-            return nothing_found("the run has no mesh: it came to its end and found no surface");
+            return Err(ExportError::bad(
+                &path,
+                "the run has come to its end without a mesh: it found no surface, or the file is gone",
+                format!(
+                    "train for longer, or with masks that show the object; one that is gone is made again by {}",
+                    resumed(root)
+                ),
+            ));
         }
         return Err(ExportError::bad(
             &path,

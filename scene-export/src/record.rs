@@ -76,7 +76,9 @@ pub fn files_of_others(folder: &Path) -> io::Result<Vec<String>> {
             None => fs::symlink_metadata(&path)?.modified()? <= written,
         };
         let file = name.rsplit('/').next().unwrap_or_default();
-        if !is_own && name != RECORD && !LITTER.contains(&file) {
+        // What an export that was killed has left.
+        let is_partial = name.starts_with(draft_folder::PREFIX);
+        if !is_own && name != RECORD && !is_partial && !LITTER.contains(&file) {
             others.push(name);
         }
     }

@@ -321,7 +321,8 @@ pub fn key_of(photo: &str) -> String {
 }
 
 /// Whether a run has come to its end, as its log says; `None` without one.
-pub(crate) fn has_ended(root: &Path) -> Option<bool> {
+#[must_use]
+pub fn has_ended(root: &Path) -> Option<bool> {
     let log = fs::read_to_string(root.join("log.jsonl")).ok()?;
     let is_end = |line: &str| {
         serde_json::from_str::<serde_json::Value>(line)

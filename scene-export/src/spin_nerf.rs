@@ -20,6 +20,8 @@ const RENAME: &str = "rename it in the photo folder and the model, and make the 
 /// By how much a photo's pixels may be off where its camera is another one than SPIn-NeRF has, in pixels. Its rays
 /// go through pixels' corners, so that half a pixel is nothing to it.
 const MOST_OFF: f64 = 1.0;
+/// The same as a share of the longer side: COLMAP's focal lengths of one camera per photo differ by about as much.
+const MOST_OFF_SHARE: f64 = 0.002;
 
 /// What photos' names must not contain.
 const SKIPPED: [&str; 2] = ["cutout", "pseudo"];
@@ -58,7 +60,8 @@ pub(crate) fn check_cameras(scene: &Scene, posed: &[Posed<'_>]) -> Result<(), Ex
     let focal = first.map_or(1.0, |posed| posed.camera.focal().0);
     for one in posed {
         let off = pixels_off(one.camera, focal);
-        if off > MOST_OFF {
+        let longer = f64::from(one.camera.width.max(one.camera.height));
+        if off > f64::max(MOST_OFF, MOST_OFF_SHARE * longer) {
             return Err(ExportError::bad(
                 &scene.image_path(one.view),
                 format!(

@@ -36,7 +36,7 @@ use Format as F;
 const PHOTOS: Search<'static> = Search {
     depth: 4,
     endings: &PICTURE_ENDINGS,
-    mask_folders: true,
+    mask_folders: false,
 };
 
 /// The files of a COLMAP model, without endings.
@@ -229,7 +229,7 @@ pub fn detect(path: &Path, stated: Option<Format>) -> Result<Detected, ImportErr
         } else if let Some(at) = found.iter().position(|(format, _)| is_part(path, *format)) {
             let whole = found.remove(at);
             found.insert(0, whole);
-        } else {
+        } else if stated.is_none_or(|stated| found.iter().all(|(format, _)| *format != stated)) {
             return Err(ImportError::bad(
                 path,
                 "this file is in none of the known formats",

@@ -14,17 +14,6 @@ use std::path::{Component, Path, PathBuf};
 /// precision, which most tools compute in, has seven digits.
 const FAR_AWAY: f64 = 1e4;
 
-/// What folders of all photos of a scene are called; the folders in them are those of its cameras.
-const PHOTO_FOLDERS: [&str; 7] = [
-    "images",
-    "image",
-    "input",
-    "rgb",
-    "imgs",
-    "photos",
-    "blended_images",
-];
-
 /// Poses of another tool, with the photos and masks that go with them.
 #[derive(Debug, Clone)]
 pub struct Imported {
@@ -139,7 +128,7 @@ impl Gather {
         let mut all: Vec<(String, Found)> = {
             let views = self.views.iter();
             let photos: Vec<&Path> = views.map(|view| &*view.photo.photo).collect();
-            names(&photos, root, source)?
+            names(&photos, source)?
                 .into_iter()
                 .zip(self.views.drain(..))
                 .collect()
@@ -311,16 +300,14 @@ pub(crate) fn other_claims(found: &[&Match], others: &[Match]) -> Vec<Option<(Or
     found.iter().map(|own| claim(own)).collect()
 }
 
-/// Names for photos: their paths below the folder that all of them have in common, but not below one in it that one
-/// camera of several has, as `images/left`.
-fn names(photos: &[&Path], root: &Path, source: &Path) -> Result<Vec<String>, ImportError> {
+/// Names for photos: their paths below the folder that all of them have in common.
+fn names(photos: &[&Path], source: &Path) -> Result<Vec<String>, ImportError> {
     let common = common_folder(photos.iter().copied());
-    let common = up_to_photo_folder(&common, &plain(root));
     photos
         .iter()
         .map(|photo| {
             let path = plain(photo);
-            let parts = path.strip_prefix(common).unwrap_or(&path).components();
+            let parts = path.strip_prefix(&common).unwrap_or(&path).components();
             let parts: Option<Vec<&str>> = parts.map(|part| part.as_os_str().to_str()).collect();
             parts.map(|parts| parts.join("/")).ok_or_else(|| {
                 ImportError::bad(
@@ -331,17 +318,6 @@ fn names(photos: &[&Path], root: &Path, source: &Path) -> Result<Vec<String>, Im
             })
         })
         .collect()
-}
-
-/// The innermost folder of a scene on the way to `folder` that is called as those of all photos are, else `folder`.
-fn up_to_photo_folder<'a>(folder: &'a Path, root: &Path) -> &'a Path {
-    let inside = folder.ancestors().take_while(|outer| *outer != root);
-    let is_usual = |outer: &&Path| {
-        let name = outer.file_name().and_then(|name| name.to_str());
-        name.is_some_and(|name| PHOTO_FOLDERS.contains(&name))
-    };
-    let usual = inside.into_iter().find(is_usual);
-    usual.filter(|_| folder.starts_with(root)).unwrap_or(folder)
 }
 
 /// The folder that all these files have in common.
@@ -383,7 +359,7 @@ mod tests {
 
     fn named(photos: &[&str]) -> Vec<String> {
         let photos: Vec<&Path> = photos.iter().map(Path::new).collect();
-        names(&photos, Path::new("s"), Path::new("x.json")).unwrap()
+        names(&photos, Path::new("x.json")).unwrap()
     }
 
     #[test]
@@ -398,18 +374,5 @@ mod tests {
             named(&["/p/../q/a.jpg", "/q/c/b.jpg"]),
             ["a.jpg", "c/b.jpg"]
         );
-    }
-
-    #[test]
-    fn one_camera_of_a_rig_keeps_its_name() {
-        assert_eq!(named(&["s/images/left/a.jpg"]), ["left/a.jpg"]);
-        assert_eq!(named(&["s/colmap/images/left/a.jpg"]), ["left/a.jpg"]);
-        assert_eq!(
-            named(&["s/rgb/1/left/a.jpg", "s/rgb/1/right/a.jpg"]),
-            ["1/left/a.jpg", "1/right/a.jpg"]
-        );
-        // Folders above the scene may be called anything, and so may those of renderers.
-        assert_eq!(named(&["photos/cat/left/a.jpg"]), ["a.jpg"]);
-        assert_eq!(named(&["s/train/r_0.png"]), ["r_0.png"]);
     }
 }

@@ -15,8 +15,8 @@ const OTHER_SIZE: f64 = 1.25;
 /// The middle of a picture of another size is that much farther along both axes, to within this share.
 const SAME_SHAPE: f64 = 0.1;
 
-/// Refuses a camera that is for pictures of another size than it says: its axis meets them outside, or, where no size is
-/// stated and it was taken from the photo, in the middle of larger or smaller ones of that shape.
+/// Refuses a camera whose size is not stated but taken from the photo, and that is for pictures of another: its axis meets
+/// them outside, or in the middle of larger or smaller ones of that shape.
 pub(crate) fn check_size(camera: &Camera, is_stated: bool) -> Result<(), String> {
     if camera.model == CameraModel::Equirectangular {
         return Ok(());
@@ -27,9 +27,12 @@ pub(crate) fn check_size(camera: &Camera, is_stated: bool) -> Result<(), String>
     let off = 2.0 * centre / size;
     let is_middle = off.max_element() - off.min_element() <= SAME_SHAPE * off.max_element();
     let is_far = off.min_element() > OTHER_SIZE || off.max_element() < 1.0 / OTHER_SIZE;
-    let place = if off.min_element() < 0.0 || off.max_element() > 2.0 {
+    // Parts of a picture may lie beside its middle.
+    let place = if is_stated {
+        return Ok(());
+    } else if off.min_element() < 0.0 || off.max_element() > 2.0 {
         format!("outside the picture's {width}x{height} pixels")
-    } else if !is_stated && is_middle && is_far {
+    } else if is_middle && is_far {
         let whole = 2.0 * centre;
         format!(
             "which is the middle of {:.0}x{:.0} pixels, but the photo has {width}x{height}",

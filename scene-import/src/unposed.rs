@@ -1,7 +1,7 @@
 //! Photos that are no views of a scene, though there may be masks of them: those without a pose, and those that are gone.
 
 use crate::gather::{Imported, plain};
-use io_colmap::{Listing, PICTURE_ENDINGS, Search};
+use io_colmap::{Listing, PICTURE_ENDINGS, Search, without_ending};
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -16,17 +16,28 @@ impl Imported {
         let mut all = Listing::default();
         let mut names = BTreeSet::new();
         for (folder, prefix) in &folders {
-            let whole = folder.canonicalize().ok();
+            // Photos beside the file that was named have none.
+            let place = if folder.as_os_str().is_empty() {
+                Path::new(".")
+            } else {
+                folder
+            };
+            let whole = place.canonicalize().ok();
             if (masks.as_ref().zip(whole)).is_some_and(|(masks, whole)| whole.starts_with(masks)) {
                 continue;
             }
             // One that cannot be listed has photos that can be opened, and shows no others.
-            let mut found = PICTURES.list(folder).unwrap_or_default();
+            let mut found = PICTURES.list(place).unwrap_or_default();
             let others = found.names.iter();
             let others = others.filter(|name| !used.contains(&folder.join(name)));
             names.extend(others.map(|name| format!("{prefix}{name}")));
             all.unnamed.append(&mut found.unnamed);
         }
+        let bare = |name: &str| {
+            let file = name.rsplit('/').next().unwrap_or_default();
+            without_ending(file).to_lowercase()
+        };
+        let listed: HashSet<String> = names.iter().map(|name| bare(name)).collect();
         for dropped in &self.dropped {
             let stated = PathBuf::from(dropped.name.replace('\\', "/"));
             let path = plain(&self.root.join(&stated));
@@ -37,6 +48,10 @@ impl Imported {
             let Some(name) = stated.file_name() else {
                 continue;
             };
+            // Its photo is there, if by a name that has an ending.
+            if listed.contains(&bare(&name.to_string_lossy())) {
+                continue;
+            }
             let prefix = path.parent().and_then(|folder| folders.get(folder));
             names.insert(format!(
                 "{}{}",

@@ -47,6 +47,10 @@ impl<'a> Mattes<'a> {
     /// Looks into the pictures until one shows what all of them are.
     pub(crate) fn of(folder: &'a Path, pictures: &Pictures) -> Result<Self, EvalError> {
         let mattes = |reading| Self { folder, reading };
+        // A run's own mattes have 16 bits, and are that dark where nothing of the object is left.
+        if folder.ends_with("alpha") && folder.with_file_name("config.toml").is_file() {
+            return Ok(mattes(Reading::Full));
+        }
         // JPEG's noise turns black into ones here and there.
         let is_png = |path: &Path| {
             let ending = path.extension();

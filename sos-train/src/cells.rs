@@ -111,6 +111,7 @@ mod tests {
         }
         assert!(grown(&[], 0, 1).is_empty());
     }
+
     #[test]
     fn well_inside_is_what_has_no_other_beside_it() {
         let marked = [true, true, true, true, true, false];

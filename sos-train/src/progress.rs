@@ -180,6 +180,8 @@ struct Meter {
     total: u64,
     begun: Instant,
     last_line: Option<Instant>,
+    /// What was said last beside the position.
+    parts: Vec<String>,
     live: Option<Arc<Live>>,
 }
 
@@ -210,12 +212,14 @@ impl Meter {
             total,
             begun: Instant::now(),
             last_line: None,
+            parts: Vec::new(),
             live,
         }
     }
 
     fn show(&mut self, done: u64, parts: &[String]) {
         self.done = done;
+        self.parts = parts.to_vec();
         let left = self.left();
         if let Some(live) = &self.live {
             live.stage(&self.label, done, self.total, left.clone());
@@ -240,14 +244,17 @@ impl Meter {
         }
     }
 
-    /// The same in a line where the last one is long ago; what a bar says beside its position stays.
+    /// The same where nothing else is new: what was said beside the position still holds. A line comes where the last one
+    /// is long ago.
     fn tick(&mut self, done: u64) {
+        self.done = done;
         match self.mode {
             Mode::Silent => {}
             Mode::Bar => self.bar.set_position(done),
             Mode::Lines => {
                 if self.last_line.unwrap_or(self.begun).elapsed() >= LINE_EVERY {
-                    self.show(done, &[]);
+                    let parts = std::mem::take(&mut self.parts);
+                    self.show(done, &parts);
                 }
             }
         }

@@ -208,6 +208,7 @@ mod tests {
         assert_eq!(largest[12], 0.5);
         assert_eq!(largest.iter().sum::<f32>(), 0.5);
     }
+
     #[test]
     fn squares_cover_a_picture_that_they_do_not_fit() {
         // 3 x 2 squares, the last ones cut off.

@@ -122,26 +122,20 @@ fn a_mask_of_a_photo_that_is_gone_tells_how_masks_are_counted() {
 }
 
 #[test]
-fn photos_of_one_camera_of_a_rig_find_its_masks() {
+fn photos_of_one_folder_find_their_masks_in_one_of_that_name() {
     let dir = tempfile::tempdir().unwrap();
     let photos = ["images/left/a.png", "images/left/b.png"];
     scene(dir.path(), &photos);
-    for (i, name) in (1..).zip(["left/a", "right/a", "left/b", "right/b"]) {
+    for (i, name) in (1..).zip(["left/a", "left/b"]) {
         save(&mask(i), &dir.path().join(format!("masks/{name}.png")));
     }
     fs::create_dir(dir.path().join("ignore")).unwrap();
     save(&mask(5), &dir.path().join("ignore/left/b.png"));
     let (written, out) = import(dir.path(), &MaskOptions::default());
     assert_eq!((written.masks, written.ignored), (2, 1));
-    let marks = ["left/a", "left/b"].map(|name| mark(&out.join(format!("masks/{name}.png"))));
-    assert_eq!(marks, [Some(1), Some(3)]);
-    assert_eq!(mark(&out.join("ignore/left/b.png")), Some(5));
-    // Photos that no folder says to be all: their masks may be in any.
-    scene(dir.path(), &["left/a.png", "left/b.png"]);
-    fs::remove_dir_all(dir.path().join("masks/right")).unwrap();
-    let (written, out) = import(dir.path(), &MaskOptions::default());
-    assert_eq!((written.masks, written.ignored), (2, 1));
-    assert_eq!(mark(&out.join("masks/b.png")), Some(3));
+    let marks = ["a", "b"].map(|name| mark(&out.join(format!("masks/{name}.png"))));
+    assert_eq!(marks, [Some(1), Some(2)]);
+    assert_eq!(mark(&out.join("ignore/b.png")), Some(5));
 }
 
 #[test]

@@ -74,7 +74,7 @@ fn bad_input_exits_with_2_and_one_sentence() {
     let truth = root.path().join("truth");
     save(&disc(40, 20.0, 20.0, 10.0), &truth.join("000.png"));
     let nowhere = root.path().join("nowhere");
-    let unwritable = nowhere.join("scores.json");
+    let unwritable = truth.join("000.png/scores.json");
     let empty = root.path().join("empty");
     std::fs::create_dir(&empty).unwrap();
     for args in [

@@ -120,7 +120,7 @@ impl Place {
             let name = path.file_name().and_then(|name| name.to_str());
             path.is_dir() && name.is_some_and(|name| Trial::of_folder(name).is_some())
         };
-        kept_run::check_place(&out, is_row)?;
+        kept_run::check_place(&out, TABLE_FILES[1], is_row)?;
         Ok(Self { masks, gt, out })
     }
 

@@ -348,7 +348,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "PIXELS", conflicts_with = "views", default_value_t = FRAME_SIZE, value_parser = clap::value_parser!(u32).range(16..=8192))]
     pub size: u32,
     /// Frames a second of videos.
-    #[arg(long, value_name = "N", default_value_t = FRAME_RATE, value_parser = clap::value_parser!(u32).range(1..=240))]
+    #[arg(long, value_name = "N", conflicts_with = "views", default_value_t = FRAME_RATE, value_parser = clap::value_parser!(u32).range(1..=240))]
     pub fps: u32,
     /// Folder to create [default: RUN/render/turntable, path or views].
     #[arg(long, value_name = "DIR")]

@@ -1,13 +1,15 @@
 //! `sos eval` and `sos report`.
 
 use super::answer::Voice;
+use super::input::read_record;
+use super::train::stated_device;
 use super::{CompareArgs, EvalArgs, ReportArgs, program};
 use crate::audit::{Metrics, audit};
 use crate::error::InputError;
 use crate::report::{ReportInputs, comparison_page, write_report};
 use crate::run_folder::{RunFolder, write_whole};
-use scene_export::quoted;
-use serde_json::{Map, Value, json};
+use scene_export::{has_ended, quoted};
+use serde_json::json;
 use sos_eval::{Contender, compare_contenders, true_mattes};
 use std::io::Write as _;
 use std::path::Path;
@@ -87,8 +89,10 @@ pub(super) fn report(args: &ReportArgs) -> anyhow::Result<()> {
 
 /// An error for a run that has drawn no mattes yet: it would count as a folder of masks.
 fn refuse_without_mattes(dir: &Path) -> Result<(), InputError> {
-    let run = RunFolder::open_existing(dir).ok();
-    if run.is_none_or(|run| run.alpha_dir().is_dir()) {
+    // Other tools' folders may have a file of that name.
+    let is_run =
+        read_record(&dir.join("config.toml")).is_ok_and(|(record, _)| record.input.is_some());
+    if !is_run || dir.join("alpha").is_dir() {
         return Ok(());
     }
     Err(InputError::new(
@@ -106,12 +110,12 @@ fn refuse_without_mattes(dir: &Path) -> Result<(), InputError> {
 /// its end is on the page, too.
 pub(super) fn make_report(run: &RunFolder, gt: Option<&Path>) -> anyhow::Result<Option<String>> {
     let mut inputs = ReportInputs::gather(run)?;
-    let is_end = |line: &Map<String, Value>| line.get("event").is_some_and(|event| event == "end");
-    let unfinished = (!inputs.log.iter().any(is_end)).then(|| {
+    let unfinished = (has_ended(run.root()) == Some(false)).then(|| {
         format!(
-            "the run has not come to its end, and pictures may be missing; have it go on with: {} train --resume --out {}",
+            "the run has not come to its end, and pictures may be missing; have it go on with: {} train --resume --out {}{}",
             program(),
-            quoted(run.root())
+            quoted(run.root()),
+            stated_device(&inputs.config.device)
         )
     });
     inputs.notes.splice(0..0, unfinished.clone());

@@ -17,8 +17,20 @@ pub(super) fn rough_masks_beside(scene: &Path) -> Option<PathBuf> {
     folders.into_iter().find(|dir| dir.is_dir())
 }
 
-/// An error where a table is to go into a folder that holds something, of which nothing `belongs` to such a table.
-pub(super) fn check_place(out: &Path, belongs: impl Fn(&Path) -> bool) -> Result<(), InputError> {
+/// An error where a table is to go into a folder that holds something, but neither an earlier table, which is in the
+/// file `json`, nor anything that `belongs` to such a table.
+pub(super) fn check_place(
+    out: &Path,
+    json: &str,
+    belongs: impl Fn(&Path) -> bool,
+) -> Result<(), InputError> {
+    let is_table = |text: String| {
+        let table = serde_json::from_str::<serde_json::Value>(&text);
+        table.is_ok_and(|table| table.get("rows").is_some())
+    };
+    if fs::read_to_string(out.join(json)).is_ok_and(is_table) {
+        return Ok(());
+    }
     let mut entries = fs::read_dir(out).into_iter().flatten().flatten();
     if entries.any(|entry| belongs(&entry.path())) {
         return Ok(());

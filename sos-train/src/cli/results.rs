@@ -27,14 +27,7 @@ pub(super) fn results(args: &ResultsArgs) -> anyhow::Result<u8> {
         .out
         .clone()
         .unwrap_or_else(|| Path::new("runs").join("results"));
-    let is_place = |path: &Path| {
-        let starts = Start::every().map(|start| start.name());
-        // The demo's own scene is made before its first run.
-        starts
-            .chain(["scene".to_owned()])
-            .any(|name| path.join(name).is_dir())
-    };
-    kept_run::check_place(&out, is_place)?;
+    kept_run::check_place(&out, TABLE_FILES[1], is_place)?;
     let places = Place::all(args, &out)?;
     let cases = Case::all(args, &places, &out)?;
     let seeds = seeds(args)?;
@@ -78,6 +71,20 @@ pub(super) fn results(args: &ResultsArgs) -> anyhow::Result<u8> {
         let _ = writeln!(std::io::stderr(), "the table is in {}", markdown.display());
     }
     tried.map(|()| EXIT_OK)
+}
+
+/// Whether a folder is what a table's runs of a scene are in.
+fn is_place(folder: &Path) -> bool {
+    let starts = Start::every().map(|start| start.name());
+    // The demo's own scene is made before its first run.
+    let mut own = starts.chain(["scene".to_owned()]);
+    let begun = |mut entries: fs::ReadDir| {
+        entries.all(|entry| {
+            let name = entry.map(|entry| entry.file_name()).unwrap_or_default();
+            name.to_string_lossy().starts_with(draft_folder::PREFIX)
+        })
+    };
+    own.any(|name| folder.join(name).is_dir()) || fs::read_dir(folder).is_ok_and(begun)
 }
 
 /// The settings' seed and those after it.

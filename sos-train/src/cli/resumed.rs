@@ -66,14 +66,14 @@ pub(super) fn check_steps(
         return Ok(());
     }
     let by = if stated {
-        "--steps is"
+        "the command line says"
     } else {
         "its config.toml has steps ="
     };
     Err(InputError::new(
         out,
         format!("this run is at step {step} already, and {by} {steps}"),
-        format!("say --steps {step} to have its results drawn again, or give more to train on"),
+        format!("make it {step} to have its results drawn again, or more to train on"),
     ))
 }
 
@@ -82,15 +82,17 @@ pub(super) fn still_there(input: &InputRecord, out: &Path) -> Result<(), InputEr
     if input.demo || input.scene.exists() {
         return Ok(());
     }
-    Err(InputError::new(
-        &input.scene,
-        "the scene of this run is not there",
+    let remedy = if input.owns_scene() {
+        "put it back, or start again with SCENE and --force".to_owned()
+    } else {
         format!(
             "put it back, or say where it is now: {} train SCENE --resume --out {}",
             program(),
             quoted(out)
-        ),
-    ))
+        )
+    };
+    let what = "the scene of this run is not there";
+    Err(InputError::new(&input.scene, what, remedy))
 }
 
 /// What a run was given, with the scene that it imported where that is now: in the run's own folder, which may have
@@ -288,12 +290,12 @@ mod tests {
     fn a_run_says_what_keeps_it_from_going_on() {
         let out = Path::new("runs/cat");
         assert!(check_steps(40, 40, false, out).is_ok());
-        for (stated, says) in [(true, "--steps is 3"), (false, "config.toml has steps = 3")] {
+        for (stated, says) in [
+            (true, "the command line says 3"),
+            (false, "config.toml has steps = 3"),
+        ] {
             let said = check_steps(3, 40, stated, out).unwrap_err().to_string();
-            assert!(
-                said.contains(says) && said.contains("say --steps 40"),
-                "{said}"
-            );
+            assert!(said.contains(says) && said.contains("make it 40"), "{said}");
         }
         let dir = tempfile::tempdir().unwrap();
         assert!(still_there(&input(dir.path()), out).is_ok());

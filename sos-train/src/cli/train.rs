@@ -150,7 +150,7 @@ pub(super) fn train_run(args: &TrainArgs) -> anyhow::Result<(u8, PathBuf)> {
 
 /// What a command line says of a GPU. `config.toml` has it too, but what builds the program only sees
 /// the line.
-fn stated_device(name: &str) -> String {
+pub(super) fn stated_device(name: &str) -> String {
     match name {
         "wgpu" | "cuda" => format!(" --device {name}"),
         _ => String::new(),
