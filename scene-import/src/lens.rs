@@ -279,8 +279,10 @@ mod tests {
             assert_eq!((refused(x, y, false), refused(x, y, true)), (None, None));
         }
         for (x, y) in [(641.0, 240.0), (320.0, -1.0)] {
-            let said = refused(x, y, true).unwrap();
+            let said = refused(x, y, false).unwrap();
             assert!(said.contains("outside the picture's 640x480"), "{said}");
+            // A part of a larger picture.
+            assert_eq!(refused(x, y, true), None);
         }
         // Of twice, one and a half times and half the size.
         for (x, y) in [(638.0, 479.0), (481.0, 358.0), (160.0, 121.0)] {
