@@ -131,10 +131,10 @@ mod tests {
         let database = CaptureError::Failed {
             program: PathBuf::from("colmap"),
             task: "finding poses",
-            what: "cannot open a/.sos-partial-x/work/database.db".to_owned(),
+            what: "cannot open a/.sos-partial-x/sparse/0".to_owned(),
             remedy: "free some space".to_owned(),
         };
-        assert!(said(database).contains("(cannot open a/scene/work/database.db)"));
+        assert!(said(database).contains("(cannot open a/scene/sparse/0)"));
         let read = |path: &Path| {
             said(CaptureError::Colmap(ColmapError::Scene {
                 path: path.to_owned(),
