@@ -22,6 +22,7 @@
 //! ```
 
 mod read;
+mod vertex;
 mod write;
 
 use glam::{DVec3, Vec3};

@@ -1,7 +1,8 @@
 //! Meshes from files of any encoding.
 
+use crate::vertex::Vertex;
 use crate::{Mesh, PlyError};
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Header, Property, PropertyAccess, PropertyAccessResult};
 use std::fs::File;
@@ -89,56 +90,6 @@ fn refuse_endless(header: &Header) -> Result<(), String> {
             element.count, element.name
         )),
         None => Ok(()),
-    }
-}
-
-/// What the file lacks stays as it is here: a position that is refused, no normal, white.
-struct Vertex {
-    position: DVec3,
-    normal: Vec3,
-    colour: [u8; 3],
-}
-
-impl PropertyAccess for Vertex {
-    fn new() -> Self {
-        Self {
-            position: DVec3::NAN,
-            normal: Vec3::ZERO,
-            colour: [255; 3],
-        }
-    }
-
-    fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
-        let at = |names: [&str; 3]| names.iter().position(|known| *known == name);
-        let [place, normal, colour] = [
-            ["x", "y", "z"],
-            ["nx", "ny", "nz"],
-            ["red", "green", "blue"],
-        ]
-        .map(at);
-        // Whatever its type is.
-        if place.or(normal).or(colour).is_none() {
-            return PropertyAccessResult::Ignored;
-        }
-        let number = match value {
-            Property::Char(v) => f64::from(v),
-            Property::UChar(v) => f64::from(v),
-            Property::Short(v) => f64::from(v),
-            Property::UShort(v) => f64::from(v),
-            Property::Int(v) => f64::from(v),
-            Property::UInt(v) => f64::from(v),
-            Property::Float(v) => f64::from(v),
-            Property::Double(v) => v,
-            _ => return PropertyAccessResult::UnsupportedType,
-        };
-        if let Some(axis) = place {
-            self.position[axis] = number;
-        } else if let Some(axis) = normal {
-            self.normal[axis] = number as f32;
-        } else if let Some(channel) = colour {
-            self.colour[channel] = number.clamp(0.0, 255.0) as u8;
-        }
-        PropertyAccessResult::Set
     }
 }
 

@@ -1,7 +1,7 @@
 //! Meshes as binary files.
 
 use crate::Mesh;
-use glam::{DVec3, Vec3};
+use crate::vertex::{COLOUR, NORMAL, POSITION, Vertex};
 use ply_rs_bw::ply::{
     Addable as _, ElementDef, Encoding, Header, PropertyAccess, PropertyDef, PropertyType,
     ScalarType,
@@ -52,11 +52,11 @@ fn encode(mesh: &Mesh, out: &mut impl Write, comments: &[&str]) -> io::Result<()
     let vertex = element(
         "vertex",
         mesh.positions.len(),
-        ["x", "y", "z"]
+        POSITION
             .map(|name| (name, coordinate.clone()))
             .into_iter()
-            .chain(["nx", "ny", "nz"].map(|name| (name, ScalarType::Float)))
-            .chain(["red", "green", "blue"].map(|name| (name, ScalarType::UChar)))
+            .chain(NORMAL.map(|name| (name, ScalarType::Float)))
+            .chain(COLOUR.map(|name| (name, ScalarType::UChar)))
             .map(|(name, kind)| (name, PropertyType::Scalar(kind))),
     );
     let face = element(
@@ -112,41 +112,6 @@ fn needs_double(mesh: &Mesh) -> bool {
     let (low, high) = mesh.bounds();
     let farthest = low.abs().max(high.abs()).max_element();
     !mesh.positions.is_empty() && farthest > FLOAT_IS_ENOUGH * (high - low).max_element()
-}
-
-struct Vertex {
-    position: DVec3,
-    normal: Vec3,
-    colour: [u8; 3],
-}
-
-impl PropertyAccess for Vertex {
-    fn new() -> Self {
-        Self {
-            position: DVec3::ZERO,
-            normal: Vec3::ZERO,
-            colour: [0; 3],
-        }
-    }
-
-    fn get_double(&self, name: &str) -> Option<f64> {
-        let axis = ["x", "y", "z"].iter().position(|axis| *axis == name)?;
-        Some(self.position[axis])
-    }
-
-    fn get_float(&self, name: &str) -> Option<f32> {
-        if let Some(axis) = ["nx", "ny", "nz"].iter().position(|axis| *axis == name) {
-            return Some(self.normal[axis]);
-        }
-        self.get_double(name).map(|value| value as f32)
-    }
-
-    fn get_uchar(&self, name: &str) -> Option<u8> {
-        let channel = ["red", "green", "blue"]
-            .iter()
-            .position(|channel| *channel == name)?;
-        Some(self.colour[channel])
-    }
 }
 
 struct Face([i32; 3]);
