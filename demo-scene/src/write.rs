@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use draft_folder::{Draft, Durability, Occupant};
+use draft_folder::{Draft, DraftError, Durability, Occupant};
 use image::{DynamicImage, ImageError, ImageFormat};
 use rayon::prelude::*;
 
@@ -84,7 +84,7 @@ impl DemoScene {
             fs::write(&path, text).map_err(failed(&path))?;
         }
         let path = dir.join("mesh_gt.ply");
-        fs::write(&path, ply(&self.mesh)).map_err(failed(&path))
+        Ok(fs::write(&path, ply(&self.mesh)).map_err(failed(&path))?)
     }
 }
 
@@ -123,7 +123,11 @@ fn ply(mesh: &Mesh) -> Vec<u8> {
     bytes
 }
 
-fn failed(path: &Path) -> impl FnOnce(io::Error) -> DemoError + use<> {
+fn failed(path: &Path) -> impl FnOnce(io::Error) -> DraftError + use<> {
     let path = path.to_owned();
-    |source| DemoError::Write { path, source }
+    |source| DraftError {
+        action: "write",
+        path,
+        source,
+    }
 }
