@@ -6,8 +6,26 @@ use image::{GrayImage, ImageEncoder as _, RgbImage};
 use io_colmap::{PhotoHeader, Scene};
 use scene_capture::{CaptureOptions, Existing, Progress, Source, Stage, Tools, capture};
 use std::fs;
+use std::path::Path;
 
 const NAMES: [&str; 4] = ["a.jpg", "b.jpg", "c.jpg", "d.jpg"];
+
+/// How many photos a capture has, or what it complains about.
+fn photos_in(
+    source: &Source,
+    out: &Path,
+    tools: &Tools,
+    existing: Existing,
+) -> Result<usize, String> {
+    let options = CaptureOptions {
+        existing,
+        ..CaptureOptions::default()
+    };
+    let captured = capture(source, out, tools, &options, &());
+    captured
+        .map(|captured| captured.photos)
+        .map_err(|error| error.to_string())
+}
 
 #[test]
 fn photos_become_a_scene_in_either_dialect() {
@@ -299,15 +317,7 @@ fn only_a_captured_scene_is_replaced() {
     }
     let tools = shop.tools(Dialect::Three);
     let out = shop.path("scene");
-    let make = |existing| {
-        let options = CaptureOptions {
-            existing,
-            ..CaptureOptions::default()
-        };
-        capture(&source, &out, &tools, &options, &())
-            .map(|captured| captured.photos)
-            .map_err(|error| error.to_string())
-    };
+    let make = |existing| photos_in(&source, &out, &tools, existing);
     // An empty folder is as good as none.
     fs::create_dir(&out).unwrap();
     assert_eq!(make(Existing::Keep), Ok(4));
@@ -356,13 +366,7 @@ fn what_has_come_meanwhile_stays_and_so_do_the_poses() {
             colmap: shop.colmap(Dialect::Three, &before),
             ffmpeg: None,
         };
-        let options = CaptureOptions {
-            existing,
-            ..CaptureOptions::default()
-        };
-        capture(&source, &out, &tools, &options, &())
-            .map(|captured| captured.photos)
-            .map_err(|error| error.to_string())
+        photos_in(&source, &out, &tools, existing)
     };
     let refused = make(
         Existing::Keep,

@@ -195,15 +195,5 @@ fn what_a_table_needs_is_asked_for_before_anything_is_trained() {
 
 #[test]
 fn a_table_is_not_put_among_other_things() {
-    let dir = tempfile::tempdir().unwrap();
-    crate::fabricated::SCENE
-        .write(&dir.path().join("scene"))
-        .unwrap();
-    let own = dir.path().join("table/ablation.md");
-    fs::create_dir_all(own.parent().unwrap()).unwrap();
-    fs::write(&own, "mine").unwrap();
-    let (code, _, said) = ablate(dir.path(), &[]);
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("there is something in it already"), "{said}");
-    assert_eq!(fs::read_to_string(&own).unwrap(), "mine");
+    tiny::is_refused_among_other_things("ablation", |dir| ablate(dir, &[]));
 }

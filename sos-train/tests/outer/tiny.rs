@@ -1,5 +1,6 @@
 //! Runs that take a moment.
 
+use std::fs;
 use std::path::Path;
 use std::process::Command;
 
@@ -40,4 +41,22 @@ pub(crate) fn train(dir: &Path, arguments: &[&str]) -> (Option<i32>, String) {
         .unwrap();
     let said = String::from_utf8(output.stderr).unwrap();
     (output.status.code(), said)
+}
+
+/// A table of that name, as `table` makes it in a folder, is not put among other things in `table/`.
+pub(crate) fn is_refused_among_other_things(
+    name: &str,
+    table: impl Fn(&Path) -> (Option<i32>, String, String),
+) {
+    let dir = tempfile::tempdir().unwrap();
+    crate::fabricated::SCENE
+        .write(&dir.path().join("scene"))
+        .unwrap();
+    let own = dir.path().join(format!("table/{name}.md"));
+    fs::create_dir_all(own.parent().unwrap()).unwrap();
+    fs::write(&own, "mine").unwrap();
+    let (code, _, said) = table(dir.path());
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("there is something in it already"), "{said}");
+    assert_eq!(fs::read_to_string(&own).unwrap(), "mine");
 }
