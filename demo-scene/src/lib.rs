@@ -75,10 +75,11 @@ pub use camera::Camera;
 pub use config::DemoConfig;
 pub use error::DemoError;
 pub use kind::SceneKind;
+pub use ply_mesh::Mesh;
 pub use scene::{DemoScene, DemoView, generate};
 pub use sparse::{Observation, SparsePoint};
 pub use stage::TABLE_CENTRE;
-pub use target::{Mesh, target_bounds, target_sdf};
+pub use target::{target_bounds, target_sdf};
 pub use write::check_vacant;
 
 #[doc = include_str!("../README.md")]

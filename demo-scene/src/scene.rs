@@ -1,6 +1,7 @@
 //! A whole generated scene, in memory.
 
 use image::{GrayImage, RgbImage};
+use ply_mesh::Mesh;
 
 use crate::camera::Camera;
 use crate::coarse::coarse_masks;
@@ -10,7 +11,7 @@ use crate::orbit::shots;
 use crate::render::render;
 use crate::sparse::{SparsePoint, sparse_points};
 use crate::stage::Stage;
-use crate::target::{Mesh, mesh};
+use crate::target::mesh;
 
 /// One photograph and everything that is known about it.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,7 +40,7 @@ pub struct DemoScene {
     pub views: Vec<DemoView>,
     /// Points on surfaces with the views that see them.
     pub points: Vec<SparsePoint>,
-    /// The target's surface.
+    /// The target's surface, closed, in metres.
     pub mesh: Mesh,
 }
 

@@ -5,20 +5,12 @@ use std::sync::OnceLock;
 use fast_surface_nets::ndshape::{RuntimeShape, Shape};
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::DVec3;
+use ply_mesh::Mesh;
 use rayon::prelude::*;
 
 use crate::kind::SceneKind;
 use crate::stage::{Stage, TABLE_CENTRE};
 use crate::subject::Subject;
-
-/// A closed triangle mesh; triangles are counter-clockwise seen from outside.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Mesh {
-    /// World coordinates, metres.
-    pub vertices: Vec<DVec3>,
-    /// Indices into `vertices`.
-    pub faces: Vec<[u32; 3]>,
-}
 
 fn stage() -> &'static Stage {
     static STAGE: OnceLock<Stage> = OnceLock::new();
@@ -73,7 +65,7 @@ pub(crate) fn mesh(stage: &Stage, cell: f64) -> Mesh {
         (counts - 1).to_array(),
         &mut buffer,
     );
-    let vertices = buffer
+    let positions = buffer
         .positions
         .par_iter()
         .map(|grid| {
@@ -85,12 +77,17 @@ pub(crate) fn mesh(stage: &Stage, cell: f64) -> Mesh {
             p + TABLE_CENTRE
         })
         .collect();
-    let faces = buffer
+    let triangles = buffer
         .indices
         .chunks_exact(3)
         .map(|f| [f[0], f[1], f[2]])
         .collect();
-    Mesh { vertices, faces }
+    Mesh {
+        positions,
+        triangles,
+        ..Mesh::default()
+    }
+    .completed()
 }
 
 #[cfg(test)]
@@ -101,20 +98,20 @@ mod tests {
     fn the_mesh_lies_on_the_surface_and_faces_outwards() {
         let mesh = mesh(stage(), 0.003);
         let off = mesh
-            .vertices
+            .positions
             .iter()
             .filter(|v| target_sdf(**v).abs() > 1e-4)
             .count();
         assert!(
-            off * 50 < mesh.vertices.len(),
+            off * 50 < mesh.positions.len(),
             "{off} of {}",
-            mesh.vertices.len()
+            mesh.positions.len()
         );
         let volume: f64 = mesh
-            .faces
+            .triangles
             .iter()
             .map(|f| {
-                let [a, b, c] = f.map(|i| mesh.vertices[i as usize] - TABLE_CENTRE);
+                let [a, b, c] = f.map(|i| mesh.positions[i as usize] - TABLE_CENTRE);
                 a.dot(b.cross(c)) / 6.0
             })
             .sum();
@@ -125,7 +122,7 @@ mod tests {
     fn the_target_has_holes() {
         let mesh = mesh(stage(), 0.0015);
         // A closed surface has 3 F = 2 E and V - E + F = 2 - 2 genus.
-        let (v, f) = (mesh.vertices.len() as i64, mesh.faces.len() as i64);
+        let (v, f) = (mesh.positions.len() as i64, mesh.triangles.len() as i64);
         let euler = v - f / 2;
         assert_eq!(f % 2, 0);
         let genus = (2 - euler) / 2;

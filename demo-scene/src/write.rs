@@ -11,7 +11,6 @@ use rayon::prelude::*;
 use crate::colmap_text;
 use crate::error::DemoError;
 use crate::scene::{DemoScene, DemoView};
-use crate::target::Mesh;
 
 /// Says whether [`DemoScene::write`] may write into `dir`, before anything is rendered for it.
 ///
@@ -84,7 +83,8 @@ impl DemoScene {
             fs::write(&path, text).map_err(failed(&path))?;
         }
         let path = dir.join("mesh_gt.ply");
-        Ok(fs::write(&path, ply(&self.mesh)).map_err(failed(&path))?)
+        draft_folder::write_file(&path, Durability::Program, |out| self.mesh.write(out, &[]))?;
+        Ok(())
     }
 }
 
@@ -98,29 +98,6 @@ fn save(picture: &DynamicImage, path: &Path) -> Result<(), DemoError> {
         })
     })?;
     Ok(())
-}
-
-/// Binary little-endian PLY with `f32` vertices.
-fn ply(mesh: &Mesh) -> Vec<u8> {
-    let mut bytes = format!(
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
-         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
-        mesh.vertices.len(),
-        mesh.faces.len()
-    )
-    .into_bytes();
-    for vertex in &mesh.vertices {
-        for value in vertex.as_vec3().to_array() {
-            bytes.extend_from_slice(&value.to_le_bytes());
-        }
-    }
-    for face in &mesh.faces {
-        bytes.push(3);
-        for index in face {
-            bytes.extend_from_slice(&index.to_le_bytes());
-        }
-    }
-    bytes
 }
 
 fn failed(path: &Path) -> impl FnOnce(io::Error) -> DraftError + use<> {

@@ -61,7 +61,7 @@ fn every_kind_has_a_target_that_its_masks_half_find() {
         assert!((0.77..0.84).contains(&coarse), "{kind:?}: {coarse}");
         let (low, high) = target_bounds();
         let inside = |v: &glam::DVec3| v.cmpge(low).all() && v.cmple(high).all();
-        assert!(scene.mesh.vertices.iter().all(inside), "{kind:?}");
+        assert!(scene.mesh.positions.iter().all(inside), "{kind:?}");
         // The mesh is of what the mattes show.
         for view in scene.views.iter().step_by(5) {
             let covered = silhouette(&scene.mesh, &view.camera);
@@ -106,8 +106,8 @@ fn only_the_turntable_turns_before_a_camera_that_stands_still() {
 fn silhouette(mesh: &Mesh, camera: &Camera) -> Vec<bool> {
     let (w, h) = (camera.width as usize, camera.height as usize);
     let mut covered = vec![false; w * h];
-    let project = |i: u32| camera.project(mesh.vertices[i as usize]).unwrap().0;
-    for face in &mesh.faces {
+    let project = |i: u32| camera.project(mesh.positions[i as usize]).unwrap().0;
+    for face in &mesh.triangles {
         let [a, b, c] = face.map(project);
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
         for y in low.y.max(0.0) as usize..(high.y + 1.0).clamp(0.0, h as f64) as usize {

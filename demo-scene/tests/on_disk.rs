@@ -1,7 +1,7 @@
 //! What `DemoScene::write` leaves behind.
 #![allow(clippy::unwrap_used)]
 
-use demo_scene::{DemoConfig, DemoError, generate};
+use demo_scene::{DemoConfig, DemoError, Mesh, generate};
 
 #[test]
 fn a_written_scene_is_complete_and_never_overwritten() {
@@ -51,16 +51,16 @@ fn a_written_scene_is_complete_and_never_overwritten() {
             assert_eq!(seen[3 * index + 2], words[0]);
         }
     }
-    let ply = std::fs::read(dir.join("mesh_gt.ply")).unwrap();
-    let header = ply
-        .windows(11)
-        .position(|bytes| bytes == b"end_header\n")
-        .unwrap()
-        + 11;
-    assert_eq!(
-        ply.len() - header,
-        12 * scene.mesh.vertices.len() + 13 * scene.mesh.faces.len()
-    );
+    let mesh = Mesh::read(&dir.join("mesh_gt.ply")).unwrap();
+    assert_eq!(mesh.triangles, scene.mesh.triangles);
+    let farthest = mesh
+        .positions
+        .iter()
+        .zip(&scene.mesh.positions)
+        .map(|(read, rendered)| read.distance(*rendered))
+        .fold(0.0, f64::max);
+    assert_eq!(mesh.positions.len(), scene.mesh.positions.len());
+    assert!(farthest < 1e-6, "{farthest} m");
 
     let error = scene.write(&dir).unwrap_err();
     assert!(matches!(error, DemoError::Occupied { .. }));

@@ -34,7 +34,7 @@ const ALLOWED: [(&str, &[&str]); 19] = [
     ),
     ("scene-doctor", &["io-colmap", "scene-capture"]),
     ("scene-export", &["draft-folder", "io-colmap", "ply-mesh"]),
-    ("demo-scene", &["draft-folder"]),
+    ("demo-scene", &["draft-folder", "ply-mesh"]),
     ("sos-eval", &["draft-folder", "ply-mesh"]),
     (
         "sos-train",
