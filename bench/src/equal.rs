@@ -62,6 +62,7 @@ pub(crate) fn measure(sizes: Sizes, device: &str) -> Result<StepFigures> {
             view_share: 1.0,
             mask_weight: config.loss.mask,
             far_weight: 0.0,
+            sight_weight: 0.0,
         };
         let report = trainer.learn(batch, marched, None, &[], schedule);
         anyhow::ensure!(report.is_finite(), "a loss of step {number} is no number");

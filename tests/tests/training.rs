@@ -14,7 +14,7 @@ use sos_train::prepare::mask::Mask;
 use sos_train::prepare::mask_faults::MaskFaults;
 use sos_train::prepare::pixels::PixelStore;
 use sos_train::prepare::view::load_views;
-use sos_train::prepare::{Outline, Prepared, TrainView, prepare};
+use sos_train::prepare::{Outline, Prepared, Sights, TrainView, prepare};
 use sos_train::render::mesh;
 use sos_train::run_folder::{Existing, RunFolder};
 use sos_train::train::Trainer;
@@ -365,7 +365,15 @@ fn the_object_is_found_without_masks_and_by_one() {
     let config = small_config(1000);
     let find = |hint: &Hint| {
         let points = &scene.model.points;
-        find_object(&views, points, hint, &config, &go_on, |_, _| {})
+        find_object(
+            &views,
+            points,
+            &Sights::default(),
+            hint,
+            &config,
+            &go_on,
+            |_, _| {},
+        )
     };
     let found = find(&Hint::Nothing).unwrap().unwrap();
     let score = overlap(&found, &truth);

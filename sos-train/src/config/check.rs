@@ -127,6 +127,7 @@ impl TrainConfig {
             ("schedule.levels_end", schedule.levels_end),
             ("schedule.cos_anneal_end", schedule.cos_anneal_end),
             ("sampling.object_share", sampling.object_share),
+            ("sampling.sight_share", sampling.sight_share),
             ("sampling.clear_share", sampling.clear_share),
             ("prepare.hull_threshold", prepare.hull_threshold),
             ("prepare.object_threshold", prepare.object_threshold),
@@ -173,6 +174,7 @@ impl TrainConfig {
             ("loss.distortion", loss.distortion),
             ("loss.far", loss.far),
             ("loss.hidden", loss.hidden),
+            ("loss.sight", loss.sight),
             ("loss.background", loss.background),
             ("loss.semantic", loss.semantic),
             (

@@ -193,6 +193,8 @@ pub struct LossConfig {
     /// Weight of what hides the object where its mask says that it is to be seen, less where light comes from the background in
     /// the box, and where its colours show it.
     pub hidden: f32,
+    /// Weight of light from elsewhere than the sparse points that views are known to see.
+    pub sight: f32,
     /// Weight of distance = 0 at sparse points on the object.
     pub points: f32,
     /// Weight of normals that differ between neighbouring places of the object.
@@ -255,6 +257,8 @@ pub struct SamplingConfig {
     pub background_samples: u32,
     /// Share of the rays that are drawn around the object.
     pub object_share: f32,
+    /// Share of the rays that go to sparse points which their views are known to see, where `loss.sight` is not 0.
+    pub sight_share: f32,
     /// Of a surface's samples that nothing shows at, the share that a step learns from; they count for the others.
     pub clear_share: f32,
     /// Cells along each side of the occupancy grid.

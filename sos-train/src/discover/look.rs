@@ -2,9 +2,8 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use image::GrayImage;
-use io_colmap::SparsePoint;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::beyond::{is_within, lies_beyond, seen_from, spread_beyond};
@@ -13,6 +12,7 @@ use super::humps;
 use super::masks;
 use super::part_set::PartSet;
 use super::parts::Parts;
+use super::places::Places;
 use super::plane::{self, Plane};
 use super::region;
 use super::seams;
@@ -22,7 +22,7 @@ use crate::config::TrainConfig;
 use crate::prepare::error::PrepareError;
 use crate::prepare::outline::{outline, silhouette};
 use crate::prepare::votes::{Quorum, ViewTrust};
-use crate::prepare::{Frame, Prepared, TrainView};
+use crate::prepare::{Frame, Prepared, Sights, TrainView};
 use crate::train::Trainer;
 use crate::train::carve::depth::{DepthPicture, depth_pictures};
 use crate::train::carve::fusion::fuse;
@@ -64,14 +64,17 @@ impl Look {
     /// Learns the `region` and chooses the object in it; `None` when `interrupt` came up.
     pub(super) fn new(
         views: &[TrainView],
-        points: &[SparsePoint],
+        places: &Places,
         hint: &Hint,
         config: &TrainConfig,
         region: Frame,
         interrupt: &AtomicBool,
         progress: &mut dyn FnMut(u32, u32),
     ) -> Result<Option<Self>, PrepareError> {
-        let data = prepared(views, region, config);
+        let data = Prepared {
+            sights: places.sights.clone(),
+            ..prepared(views, region, config)
+        };
         let mut trainer = Trainer::new(config, &data)?;
         while trainer.step_number() < config.steps {
             if interrupt.load(Ordering::Relaxed) {
@@ -84,14 +87,14 @@ impl Look {
             progress(trainer.step_number(), config.steps);
         }
         let depths = depth_pictures(&trainer.freeze_before(), &data, RAYS);
-        Self::of_depths(data, depths, points, hint, config.seed).map(Some)
+        Self::of_depths(data, depths, &places.points, hint, config.seed).map(Some)
     }
 
     /// Chooses the object in what the views of `data` show, by their depths.
     fn of_depths(
         data: Prepared,
         depths: Vec<DepthPicture>,
-        points: &[SparsePoint],
+        points: &[DVec3],
         hint: &Hint,
         seed: u64,
     ) -> Result<Self, PrepareError> {
@@ -103,7 +106,7 @@ impl Look {
             .collect();
         let sparse: Vec<Vec3> = points
             .iter()
-            .map(|point| data.frame.normalised_from_world(point.position))
+            .map(|point| data.frame.normalised_from_world(*point))
             .collect();
         let surface = plane::surface_points(&learnt, RESOLUTION);
         let ground = sparse_ground::ground(&sparse, &cameras, seed)
@@ -288,6 +291,7 @@ pub(super) fn prepared(views: &[TrainView], frame: Frame, config: &TrainConfig) 
         outlines,
         quorum: Quorum::OfAll,
         points: Vec::new(),
+        sights: Sights::default(),
         notes: Vec::new(),
     }
 }
@@ -295,8 +299,6 @@ pub(super) fn prepared(views: &[TrainView], frame: Frame, config: &TrainConfig) 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use glam::DVec3;
-
     use super::super::staged::{Ball, Stage};
     use super::*;
     use crate::config::Preset;

@@ -1,7 +1,7 @@
 //! Finding the object without masks.
 //!
 //! A capture says what it is of by where its cameras look. So a background field learns the whole
-//! region of interest ([`region`]) for a while; its depths, fused, are solid shapes; the plane that
+//! region of interest ([`region`]) for a while, helped by the places where rays are known to end (`places.rs`); its depths, fused, are solid shapes; the plane that
 //! things stand on is taken away ([`sparse_ground`], [`plane`]), and with it what bulges out of it (`humps.rs`); what stands close together is parted (`standing.rs`); and of the parts
 //! that remain, the object is the one in the middle, or the one that a hint points at ([`parts`]). Where a few views have masks,
 //! the object is what they show and what hangs together with it instead, ground or not (`spread.rs`). Where it goes on beyond the region, a larger
@@ -23,6 +23,7 @@ mod network;
 mod normal;
 pub mod part_set;
 pub mod parts;
+mod places;
 pub mod plane;
 pub mod region;
 mod seams;
@@ -41,10 +42,11 @@ use io_colmap::SparsePoint;
 use crate::config::{Preset, TrainConfig, Transparency};
 use crate::prepare::error::PrepareError;
 use crate::prepare::mask::Mask;
-use crate::prepare::{Frame, TrainView};
+use crate::prepare::{Frame, Sights, TrainView};
 
 pub use hint::Hint;
 use look::Look;
+use places::Places;
 
 /// Looks at ever larger regions, at most, while what was found goes on beyond them.
 const MOST_LOOKS: usize = 3;
@@ -53,6 +55,9 @@ const STEP_SHARE: f32 = 0.5;
 const MOST_STEPS: u32 = 4000;
 /// What short runs spend on it, as far as they have as many: with fewer the wrong thing is found.
 const WORTHWHILE_STEPS: u32 = 1500;
+/// What light costs that comes from elsewhere than where a ray is known to end, and how many rays that is known of.
+const SIGHT: f32 = 0.02;
+const SIGHT_SHARE: f32 = 0.2;
 
 /// The object that was found.
 #[derive(Debug)]
@@ -65,6 +70,8 @@ pub struct Discovery {
 
 /// Looks for the object that `views` are of. `None` when `interrupt` came up.
 ///
+/// `points` are the model's sparse points, `sights` what the views see of them.
+///
 /// `progress` is told the steps done and to be done, from 1 on for each region that is looked at.
 ///
 /// # Errors
@@ -72,16 +79,19 @@ pub struct Discovery {
 pub fn find_object(
     views: &[TrainView],
     points: &[SparsePoint],
+    sights: &Sights,
     hint: &Hint,
     config: &TrainConfig,
     interrupt: &AtomicBool,
     mut progress: impl FnMut(u32, u32),
 ) -> Result<Option<Discovery>, PrepareError> {
     let config = search_config(config);
+    let region = hint.region(views, points)?;
+    let places = Places::known(views, points, sights)?;
     let look_at = |region| {
         Look::new(
             views,
-            points,
+            &places,
             hint,
             &config,
             region,
@@ -89,7 +99,7 @@ pub fn find_object(
             &mut progress,
         )
     };
-    let Some((mut look, refused)) = looked(hint.region(views, points)?, hint, look_at)? else {
+    let Some((mut look, refused)) = looked(region, hint, look_at)? else {
         return Ok(None);
     };
     let border = settle_border(&mut look, hint, refused);
@@ -206,5 +216,7 @@ fn search_config(run: &TrainConfig) -> TrainConfig {
     config.loss.mask = 0.0;
     config.loss.mask_trusted = 0.0;
     config.loss.hidden = 0.0;
+    config.loss.sight = SIGHT;
+    config.sampling.sight_share = SIGHT_SHARE;
     config
 }

@@ -16,14 +16,16 @@ use crate::prepare::outline::bilinear;
 
 /// Pixels along the longer side that photos are made smaller to, or nearly.
 const SIDE: u32 = 480;
-/// Photos at most whose patches are looked for.
+/// Photos at most whose patches are looked for: to know where the photos look, and to know of places everywhere.
 const REFERENCES: usize = 6;
+const MOST_REFERENCES: usize = 24;
 /// Photos at most in which they are looked for.
 const NEIGHBOURS: usize = 8;
 /// Those look the same way, by the cosine of the angle between their axes.
 const SAME_WAY: f64 = 0.85;
-/// Patches along a photo's longer side.
+/// Patches along a photo's longer side, likewise.
 const CELLS: u32 = 14;
+const MOST_CELLS: u32 = 24;
 /// Patches along a side of what is near a pixel.
 const NEAR_CELLS: i32 = 5;
 /// Pixels from a patch's middle to its edge.
@@ -42,6 +44,13 @@ const AHEAD: f32 = 0.1;
 /// Steps from the best depth to what is another one.
 const APART: usize = 4;
 
+/// A place on a surface, in the scene's frame, and the views that agree on it.
+#[derive(Clone, Debug)]
+pub(super) struct Place {
+    pub(super) position: DVec3,
+    pub(super) views: Vec<usize>,
+}
+
 /// Places that some of the `views` show, in the scene's frame: of everything, or `near` a pixel of a view, within a
 /// radius in pixels.
 ///
@@ -51,13 +60,39 @@ pub(super) fn places(
     views: &[TrainView],
     near: Option<(usize, DVec2, f64)>,
 ) -> Result<Vec<DVec3>, PrepareError> {
-    let references: Vec<usize> = match near {
-        Some((view, ..)) => vec![view],
-        None => {
-            let stride = views.len().div_ceil(REFERENCES).max(1);
-            (0..views.len()).step_by(stride).collect()
+    let found = match near {
+        Some((view, pixel, radius)) => {
+            sweep(views, vec![view], |eye| eye.patches_near(pixel, radius))
         }
-    };
+        None => sweep(views, references(views, REFERENCES), |eye| {
+            eye.patches(CELLS)
+        }),
+    }?;
+    Ok(found.into_iter().map(|place| place.position).collect())
+}
+
+/// As many places as the `views` show that are worth their time.
+///
+/// # Errors
+/// When there is no room for smaller photos.
+pub(super) fn everywhere(views: &[TrainView]) -> Result<Vec<Place>, PrepareError> {
+    sweep(views, references(views, MOST_REFERENCES), |eye| {
+        eye.patches(MOST_CELLS)
+    })
+}
+
+/// Some of the views, evenly.
+fn references(views: &[TrainView], most: usize) -> Vec<usize> {
+    let stride = views.len().div_ceil(most).max(1);
+    (0..views.len()).step_by(stride).collect()
+}
+
+/// Looks for patches of the `references` in the views around them.
+fn sweep(
+    views: &[TrainView],
+    references: Vec<usize>,
+    patches: impl Fn(&Eye) -> Vec<Patch>,
+) -> Result<Vec<Place>, PrepareError> {
     let around: Vec<(usize, Vec<usize>)> = references
         .into_iter()
         .map(|reference| (reference, neighbours(views, reference)))
@@ -73,16 +108,14 @@ pub(super) fn places(
     let mut found = Vec::new();
     for (reference, others) in around {
         let eye = &eyes[&reference];
-        let patches = match near {
-            Some((_, pixel, radius)) => eye.patches_near(pixel, radius),
-            None => eye.patches(),
-        };
-        let others: Vec<&Eye> = others.iter().map(|view| &eyes[view]).collect();
-        found.par_extend(
-            patches
-                .par_iter()
-                .filter_map(|patch| eye.place(patch, &others)),
-        );
+        let patches = patches(eye);
+        let neighbours: Vec<&Eye> = others.iter().map(|view| &eyes[view]).collect();
+        found.par_extend(patches.par_iter().filter_map(|patch| {
+            let (position, agreeing) = eye.place(patch, &neighbours)?;
+            let agreeing = agreeing.into_iter().map(|i| others[i]);
+            let views = agreeing.chain([reference]).collect();
+            Some(Place { position, views })
+        }));
     }
     Ok(found)
 }
@@ -171,10 +204,10 @@ impl Eye {
         (profile, length / count.sqrt())
     }
 
-    /// The patch with the most to be found again in each of some cells.
-    fn patches(&self) -> Vec<Patch> {
+    /// The patch with the most to be found again in each of some cells, `along` the longer side.
+    fn patches(&self, along: u32) -> Vec<Patch> {
         let (width, height) = (self.view.width(), self.view.height());
-        let cell = (width.max(height) / CELLS).max(1);
+        let cell = (width.max(height) / along).max(1);
         let stride = (cell / 4).max(1) as usize;
         let cells = (0..height / cell).flat_map(|y| (0..width / cell).map(move |x| (x, y)));
         cells
@@ -212,8 +245,8 @@ impl Eye {
         Some(world_from_camera.transform_point(in_camera))
     }
 
-    /// Where a patch is, by what `others` show; `None` where they do not tell.
-    fn place(&self, patch: &Patch, others: &[&Self]) -> Option<DVec3> {
+    /// Where a patch is, by what `others` show, and which of them show it, by number; `None` where they do not tell.
+    fn place(&self, patch: &Patch, others: &[&Self]) -> Option<(DVec3, Vec<usize>)> {
         let centre = self.view.camera_from_world.centre();
         let apart = others
             .iter()
@@ -233,28 +266,40 @@ impl Eye {
             .fold(0.0, f32::max);
         // At the first and the last the truth may lie beyond.
         let told = best > 0 && best + 1 < steps;
-        (told && scores[best] >= AGREEING && scores[best] >= second + AHEAD)
-            .then(|| self.unproject(patch.middle, depth(best + 1)))?
+        if !told || scores[best] < AGREEING || scores[best] < second + AHEAD {
+            return None;
+        }
+        let depth = depth(best + 1);
+        let position = self.unproject(patch.middle, depth)?;
+        let agreeing = self.correlations(patch, depth, others);
+        let agreeing = agreeing.into_iter().filter(|(_, c)| *c >= AGREEING);
+        Some((position, agreeing.map(|(i, _)| i).collect()))
+    }
+
+    /// How well each of `others` that has the patch in its picture shows it where it would be at a depth.
+    fn correlations(&self, patch: &Patch, depth: f64, others: &[&Self]) -> Vec<(usize, f32)> {
+        let [middle, right, down] = [Vec2::ZERO, Vec2::X, Vec2::Y]
+            .map(|offset| self.unproject(patch.middle + offset, depth));
+        let (Some(middle), Some(right), Some(down)) = (middle, right, down) else {
+            return Vec::new();
+        };
+        let correlation = |other: &Self| -> Option<f32> {
+            let at = |world: DVec3| Some(other.view.project(world)?.0);
+            let (middle, right, down) = (at(middle)?, at(right)?, at(down)?);
+            let axes = Mat2::from_cols(right - middle, down - middle);
+            let (profile, _) = other.profile(middle, axes);
+            Some(profile.iter().zip(&patch.profile).map(|(a, b)| a * b).sum())
+        };
+        let all = others.iter().enumerate();
+        all.filter_map(|(i, other)| Some((i, correlation(other)?)))
+            .collect()
     }
 
     /// How well `others` show the patch where it would be at a depth: the mean correlation of the better half of them,
     /// for in some it is hidden. 0 where less than half of them have it in the picture.
     fn agreement(&self, patch: &Patch, depth: f64, others: &[&Self]) -> f32 {
-        let [middle, right, down] = [Vec2::ZERO, Vec2::X, Vec2::Y]
-            .map(|offset| self.unproject(patch.middle + offset, depth));
-        let (Some(middle), Some(right), Some(down)) = (middle, right, down) else {
-            return 0.0;
-        };
-        let mut correlations: Vec<f32> = others
-            .iter()
-            .filter_map(|other| {
-                let at = |world: DVec3| Some(other.view.project(world)?.0);
-                let (middle, right, down) = (at(middle)?, at(right)?, at(down)?);
-                let axes = Mat2::from_cols(right - middle, down - middle);
-                let (profile, _) = other.profile(middle, axes);
-                Some(profile.iter().zip(&patch.profile).map(|(a, b)| a * b).sum())
-            })
-            .collect();
+        let correlations = self.correlations(patch, depth, others);
+        let mut correlations: Vec<f32> = correlations.into_iter().map(|(_, c)| c).collect();
         if correlations.len() < 2 || 2 * correlations.len() < others.len() {
             return 0.0;
         }
@@ -341,6 +386,35 @@ mod tests {
         let (board, wall) = (near(BOARD), near(WALL));
         assert!(board > 30 && wall > 30, "{board} and {wall} places");
         assert!(10 * (board + wall) > 9 * found.len(), "of {}", found.len());
+    }
+
+    #[test]
+    fn views_that_agree_on_a_place_show_it() {
+        let views = board_before_wall();
+        let found = everywhere(&views).unwrap();
+        let few = places(&views, None).unwrap();
+        assert!(
+            found.len() > 2 * few.len(),
+            "{} and {}",
+            found.len(),
+            few.len()
+        );
+        let (mut shown, mut hidden) = (0, 0);
+        for place in &found {
+            assert!(place.views.len() >= 2, "{place:?}");
+            for &view in &place.views {
+                let centre = views[view].camera_from_world.centre();
+                let direction = place.position - centre;
+                let at_board = centre + direction * (BOARD / direction.z);
+                let behind_it = at_board.x.abs().max(at_board.y.abs()) < HALF_BOARD;
+                let behind_it = behind_it && place.position.z > 1.2 * BOARD;
+                (shown, hidden) = (
+                    shown + usize::from(!behind_it),
+                    hidden + usize::from(behind_it),
+                );
+            }
+        }
+        assert!(shown > 1000 && 50 * hidden < shown, "{hidden} of {shown}");
     }
 
     #[test]

@@ -19,6 +19,7 @@ pub mod mask_shift;
 pub mod outline;
 pub mod pixels;
 pub mod runs;
+pub mod sights;
 pub mod spans;
 pub mod view;
 pub mod votes;
@@ -31,6 +32,7 @@ pub use consensus::MaskConsensus;
 pub use frame::Frame;
 pub use label::{Label, Shown, Vote};
 pub use outline::Outline;
+pub use sights::Sights;
 pub use view::TrainView;
 
 use crate::config::PrepareConfig;
@@ -62,6 +64,8 @@ pub struct Prepared {
     pub quorum: Quorum,
     /// Sparse points in the box, the object's and others, in the normalised frame.
     pub points: Vec<Vec3>,
+    /// Places that views are known to see, the object's and others; none where nothing is learnt from them.
+    pub sights: Sights,
     /// What a user should know about the choices made, a sentence each.
     pub notes: Vec<String>,
 }
@@ -145,6 +149,7 @@ pub fn prepare_with(
         .collect();
     Ok(Prepared {
         points,
+        sights: Sights::default(),
         given_masks: views.iter().map(|view| view.mask.clone()).collect(),
         views,
         frame,

@@ -123,7 +123,9 @@ impl Errand {
             march: march_config(config),
             partition,
             cos_anneal: schedule.cos_anneal,
-            spread: config.loss.distortion > 0.0 || schedule.far_weight > 0.0,
+            spread: config.loss.distortion > 0.0
+                || schedule.far_weight > 0.0
+                || schedule.sight_weight > 0.0,
             contested: &self.contested,
             seed: config.seed ^ (u64::from(schedule.step) << 20),
         };

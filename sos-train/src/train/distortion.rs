@@ -6,12 +6,21 @@
 //!
 //! Its derivative with respect to `w_i` is `2 sum_j w_j |s_i - s_j|`. With that as a mark of the
 //! samples, compositing gives a pixel whose gradient is the loss's: no op of its own is needed. It clears fog, and most of all floaters that make up for a highlight.
+//!
+//! What else is a price of light by where it comes from is a mark as well: from far away, and from elsewhere than where a ray is
+//! known to end ([`Sights`](crate::prepare::Sights)).
 
 use glam::Vec3;
 use neus_render::composite::Marks;
+use neus_render::contraction::contract;
 
 use super::batch::MarchedBatch;
 use super::visible::Look;
+
+/// Samples this near to where a ray is known to end are there: places are not exact, and surfaces are not thin.
+const AT_END: f32 = 0.03;
+/// From that much farther on all are equally wrong.
+const OFF_END: f32 = 0.1;
 
 /// `2 sum_j w_j |s_i - s_j|` of every sample.
 #[derive(Clone, Debug, Default)]
@@ -20,8 +29,11 @@ pub struct Spread {
     pub object: Vec<f32>,
     /// BaCo's, `[m_b]`.
     pub background: Vec<f32>,
-    /// How far outside the box BaCo's samples lie, `[m_b]`: 0 in the box, 1 at infinity.
+    /// How far outside the box BaCo's samples lie, `[m_b]`: 0 in the box, 1 at infinity. On rays whose end is known, how far
+    /// from that, 0 to 1.
     pub far: Vec<f32>,
+    /// How far FoCoR's samples lie from the known end of their ray, `[m_f]`; 0 on others.
+    pub astray: Vec<f32>,
 }
 
 impl Spread {
@@ -30,19 +42,15 @@ impl Spread {
         self.object.extend(other.object);
         self.background.extend(other.background);
         self.far.extend(other.far);
+        self.astray.extend(other.astray);
     }
 
-    /// The spread of every sample, and how far outside the box it lies.
+    /// The spread of every sample, and how far outside the box, or from the known end of its ray, it lies.
     #[must_use]
     pub(super) fn marks(&self) -> Marks {
         Marks {
-            object: self.object.iter().map(|&spread| [spread, 0.0]).collect(),
-            background: self
-                .background
-                .iter()
-                .zip(&self.far)
-                .map(|(&spread, &far)| [spread, far])
-                .collect(),
+            object: pairs(&self.object, &self.astray),
+            background: pairs(&self.background, &self.far),
         }
     }
 
@@ -54,19 +62,26 @@ impl Spread {
             object: of(&self.object, object),
             background: of(&self.background, background),
             far: of(&self.far, background),
+            astray: of(&self.astray, object),
         }
     }
 }
 
+/// Each of `a` with that of `b`.
+fn pairs(a: &[f32], b: &[f32]) -> Vec<[f32; 2]> {
+    a.iter().zip(b).map(|(&a, &b)| [a, b]).collect()
+}
+
 /// The spread of all rays; positions are lengths along the ray in contracted space, over that
-/// space's half side.
+/// space's half side. `ends` is where they are known to end, in the normalised frame.
 #[must_use]
-pub fn spread(marched: &MarchedBatch, look: &Look) -> Spread {
+pub fn spread(marched: &MarchedBatch, look: &Look, ends: &[Option<Vec3>]) -> Spread {
     let packing = &marched.packing;
     let mut out = Spread {
         object: vec![0.0; marched.object.len()],
         background: vec![0.0; marched.background.len()],
         far: marched.background.points.chunks_exact(3).map(far).collect(),
+        astray: vec![0.0; marched.object.len()],
     };
     // (is BaCo's, row, weight, position) of one ray, front to back.
     let mut ray_samples: Vec<(bool, usize, f32, f32)> = Vec::new();
@@ -100,6 +115,15 @@ pub fn spread(marched: &MarchedBatch, look: &Look) -> Spread {
             last = Some(point);
             ray_samples.push((!of_object, row, seen[row].weight, 0.5 * position));
         }
+        if let Some(end) = ends[ray].map(contract) {
+            let at = |points: &[f32], row: usize| astray(&points[3 * row..], end);
+            for row in range(packing.object_offsets()) {
+                out.astray[row] = at(&marched.object.points, row);
+            }
+            for row in range(packing.background_offsets()) {
+                out.far[row] = at(&marched.background.points, row);
+            }
+        }
         // Two sweeps with running sums make the double sum linear.
         let total: f32 = ray_samples.iter().map(|s| s.2).sum();
         let moment: f32 = ray_samples.iter().map(|s| s.2 * s.3).sum();
@@ -121,6 +145,12 @@ pub fn spread(marched: &MarchedBatch, look: &Look) -> Spread {
     out
 }
 
+/// How far a sample's point is from where its ray ends, 0 to 1; both in contracted space, where what is far away is as near
+/// together as samples are there.
+fn astray(contracted: &[f32], end: Vec3) -> f32 {
+    ((Vec3::from_slice(contracted).distance(end) - AT_END) / OFF_END).clamp(0.0, 1.0)
+}
+
 /// How far outside the box a point of contracted space lies, 0 to 1.
 ///
 /// A camera that looks down at a table from one side is the only one to look that way. So the far
@@ -132,11 +162,14 @@ fn far(contracted: &[f32]) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use demo_scene::DemoConfig;
     use neus_render::composite::{Packing, SampleVisibility, Visibility};
     use scene_decomp::Geometry;
 
     use super::*;
+    use crate::prepare::Sights;
     use crate::train::batch::FieldSamples;
+    use crate::train::{Trainer, tiny};
 
     fn samples(at: &[f32]) -> FieldSamples {
         FieldSamples {
@@ -178,7 +211,7 @@ mod tests {
             },
             through_object: false,
         };
-        let found = spread(&marched, &look);
+        let found = spread(&marched, &look, &[None]);
         let all = [
             (-0.9f32, 0.1f32),
             (-0.5, 0.3),
@@ -196,5 +229,41 @@ mod tests {
         for (found, x) in found.background.iter().zip([-0.9, 0.1, 0.7]) {
             assert!((found - expected(x)).abs() < 1e-6, "{found}");
         }
+        // The ray ends a little behind what is at 0.1, as a place outside the box has it.
+        let end = Vec3::new(0.1, AT_END + 0.5 * OFF_END, 0.0);
+        let found = spread(&marched, &look, &[Some(end)]);
+        let marks = found.marks();
+        let second = |marks: &[[f32; 2]]| -> Vec<f32> { marks.iter().map(|m| m[1]).collect() };
+        assert_eq!(second(&marks.object)[0], 1.0);
+        assert!((second(&marks.object)[1] - 0.5).abs() < 1e-5);
+        assert_eq!(second(&marks.background)[0], 1.0);
+        assert!((second(&marks.background)[1] - 0.5).abs() < 1e-5);
+        assert_eq!(astray(&[1.5, 0.0, 0.0], contract(Vec3::X * 2.0)), 0.0);
+    }
+
+    #[test]
+    fn light_comes_to_be_from_where_rays_are_known_to_end() {
+        let astray_after = |weight: f32| {
+            let mut config = tiny::config();
+            config.loss.sight = weight;
+            config.sampling.sight_share = 0.3;
+            // BaCo by itself, as in a search.
+            config.schedule.carve = 1.0;
+            config.steps = 300;
+            let mut data = tiny::prepared(&config, &[]);
+            let points = demo_scene::generate(&DemoConfig::tiny()).points;
+            data.sights = Sights::new(points.iter().flat_map(|point| {
+                let seen = point.observations.iter();
+                seen.map(|seen| (seen.view as u32, point.position))
+            }));
+            assert!(!data.sights.as_slice().is_empty());
+            let mut trainer = Trainer::new(&config, &data).unwrap();
+            // Before its weight falls.
+            let losses: Vec<f32> = (0..90).map(|_| trainer.step(&data).losses.sight).collect();
+            losses[60..].iter().sum::<f32>() / 30.0
+        };
+        // Next to nothing, so that it is only looked at.
+        let (without, with) = (astray_after(1e-6), astray_after(0.1));
+        assert!(with < 0.6 * without, "{with} instead of {without}");
     }
 }

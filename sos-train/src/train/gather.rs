@@ -122,9 +122,10 @@ fn gather_chunk(
         }
         Transparency::Density => look.background_drawn(&marched, alone, &mut random),
     };
-    let spread = rules
-        .spread
-        .then(|| distortion::spread(&marched, &look).select(&object.rows, &background.rows));
+    let spread = rules.spread.then(|| {
+        distortion::spread(&marched, &look, &batch.ends[first..first + rays.len()])
+            .select(&object.rows, &background.rows)
+    });
     let mut mattes = vec![0.0f32; rays.len()];
     for (ray, seen) in marched.object.ray.iter().zip(&look.visibility.object) {
         mattes[*ray as usize] += seen.weight;

@@ -1,8 +1,80 @@
-//! Losses on their way from the device: those of some steps in one transfer.
+//! The losses of a step, and their way from the device: those of some steps in one transfer.
 
 use burn::Tensor;
 
-use super::step::StepLosses;
+/// The losses of a step, as numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct StepLosses {
+    /// The sum that is differentiated.
+    pub total: f32,
+    /// Joint colour.
+    pub colour: f32,
+    /// BaCo alone, outside the object.
+    pub background: f32,
+    /// Eikonal, both fields.
+    pub eikonal: f32,
+    /// Sparsity.
+    pub sparsity: f32,
+    /// Masks, of the matte and of a semantic field's share.
+    pub mask: f32,
+    /// Sparse points.
+    pub points: f32,
+    /// Curvature.
+    pub curvature: f32,
+    /// Distortion.
+    pub distortion: f32,
+    /// Light from far away.
+    pub far: f32,
+    /// What hides the object.
+    pub hidden: f32,
+    /// Light from elsewhere than where rays are known to end.
+    pub sight: f32,
+    /// Mean squared error of the joint colour.
+    pub mse: f32,
+}
+
+impl StepLosses {
+    /// Each by its name in logs, before its weight; and their weighted sum, the `total`.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, f32); 12] {
+        // In full: a new loss does not compile before it has a name, or is left out on purpose.
+        let Self {
+            total,
+            colour,
+            background,
+            eikonal,
+            sparsity,
+            mask,
+            points,
+            curvature,
+            distortion,
+            far,
+            hidden,
+            sight,
+            mse: _,
+        } = *self;
+        [
+            ("total", total),
+            ("colour", colour),
+            ("background", background),
+            ("eikonal", eikonal),
+            ("sparsity", sparsity),
+            ("mask", mask),
+            ("points", points),
+            ("curvature", curvature),
+            ("distortion", distortion),
+            ("far", far),
+            ("hidden", hidden),
+            ("sight", sight),
+        ]
+    }
+
+    /// Whether they are numbers.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.total.is_finite() && self.mse.is_finite()
+    }
+}
 
 /// Where a loss is written down.
 pub(crate) type Entry = fn(&mut StepLosses) -> &mut f32;

@@ -58,9 +58,10 @@ use clock::{Phase, StepClock};
 use contested::Contested;
 use distortion::Spread;
 use grids::FieldGrids;
+use ledger::StepLosses;
 use outlook::Outlook;
 use sampler::{RayBatch, Sampler};
-use step::{Known, StepContext, StepLosses, StepSchedule};
+use step::{Known, StepContext, StepSchedule};
 
 pub use run::run;
 

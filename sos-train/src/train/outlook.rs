@@ -11,8 +11,8 @@ use scene_decomp::FrozenSurface;
 
 use super::Trainer;
 use super::courier::{Courier, Parcel};
-use super::ledger::{Batch, Ledger};
-use super::step::{StepLosses, StepSchedule};
+use super::ledger::{Batch, Ledger, StepLosses};
+use super::step::StepSchedule;
 use super::visible::FrozenFields;
 use crate::config::Transparency;
 

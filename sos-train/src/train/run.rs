@@ -19,7 +19,7 @@ use crate::job::{Checks, TrainJob, TrainOutcome};
 use crate::live::{LiveView, Wish, attend};
 use crate::prepare::error::PrepareError;
 use crate::prepare::view::{all_downscaled, load_ignored, load_views};
-use crate::prepare::{KnownScene, MaskConsensus, Prepared, TrainView, prepare_with};
+use crate::prepare::{KnownScene, MaskConsensus, Prepared, Sights, TrainView, prepare_with};
 use crate::progress::{AtInterrupt, Progress, ProgressState};
 use crate::render::survey::Survey;
 use crate::render::view::render_view;
@@ -79,6 +79,9 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     };
     let known = KnownScene { consensus, frame };
     let mut data = prepare_with(views, known, points, sizes, band)?;
+    if job.config.loss.sight > 0.0 {
+        data.sights = Sights::of_points(&job.scene.model);
+    }
     for note in &data.notes {
         progress.note(note);
     }
@@ -221,6 +224,7 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
     let discovery = find_object(
         &views,
         &job.scene.model.points,
+        &Sights::of_points(&job.scene.model),
         &hint,
         &job.config,
         &job.interrupt,

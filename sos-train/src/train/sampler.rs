@@ -1,6 +1,6 @@
 //! Which pixels a step looks at.
 
-use glam::{Affine3A, Vec2};
+use glam::{Affine3A, Vec2, Vec3};
 use neus_render::rays::Ray;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -29,6 +29,8 @@ pub struct RayBatch {
     pub shown: Vec<Shown>,
     /// Whether the view's own mask, as it was given, takes the pixel for the object.
     pub masks: Vec<Option<bool>>,
+    /// Where each ray is known to end, in the normalised frame, if anything is known.
+    pub ends: Vec<Option<Vec3>>,
 }
 
 /// Draws rays; the same seed and step give the same batch.
@@ -36,11 +38,21 @@ pub struct RayBatch {
 pub struct Sampler {
     seed: u64,
     object_share: f32,
+    sight_share: f32,
     poses: Vec<Affine3A>,
     /// Views in which the object can be seen.
     with_object: Vec<usize>,
     /// Per view the rectangle `[x0, y0, x1, y1]` of what surrounds the object.
     surroundings: Vec<[u32; 4]>,
+}
+
+/// A ray to be: a view's number, where in its picture, and where the ray ends, if that is known.
+type Aim = (usize, Vec2, Option<Vec3>);
+
+/// The middle of a pixel of a view.
+fn at_middle((view, x, y): (usize, u32, u32)) -> Aim {
+    let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+    (view, pixel, None)
 }
 
 /// Of the rays that are not drawn where the object can be, how many fall into its surroundings:
@@ -65,6 +77,7 @@ impl Sampler {
         Self {
             seed,
             object_share,
+            sight_share: 0.0,
             poses: scene
                 .views
                 .iter()
@@ -79,6 +92,15 @@ impl Sampler {
         }
     }
 
+    /// The same with this share of the rays going to places that their view is known to see, if there are any.
+    #[must_use]
+    pub fn with_sights(self, sight_share: f32) -> Self {
+        Self {
+            sight_share,
+            ..self
+        }
+    }
+
     /// Takes the cameras to be where they are now.
     pub fn look_from(&mut self, scene: &Prepared) {
         let views = scene.views.iter();
@@ -90,22 +112,26 @@ impl Sampler {
     pub fn draw(&self, scene: &Prepared, step: u32, rays: usize) -> RayBatch {
         let mut random = step_random(self.seed, step);
         let alike = Alike::of(scene, self.object_share);
-        let pixels: Vec<(usize, u32, u32)> = (0..rays)
-            .map(|_| match alike.pixel(scene, &mut random) {
-                Some(pixel) => pixel,
-                None => self.pixel(scene, &mut random),
+        let aims: Vec<Aim> = (0..rays)
+            .map(|_| {
+                self.sight(scene, &mut random).unwrap_or_else(|| {
+                    at_middle(match alike.pixel(scene, &mut random) {
+                        Some(pixel) => pixel,
+                        None => self.pixel(scene, &mut random),
+                    })
+                })
             })
             .collect();
         // Looking things up takes most of the time: each pixel is somewhere else in memory.
-        let drawn: Vec<_> = pixels
+        let drawn: Vec<_> = aims
             .into_par_iter()
             .with_min_len(CHUNK)
-            .filter_map(|(number, x, y)| {
+            .filter_map(|(number, pixel, end)| {
+                let (x, y) = (pixel.x as u32, pixel.y as u32);
                 let view = &scene.views[number];
                 if view.ignores(x, y) {
                     return None;
                 }
-                let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
                 // A pixel that a lens can't unproject (its far corner, say) teaches nothing.
                 let ray = view.ray(&self.poses[number], pixel)?;
                 let outline = &scene.outlines[number];
@@ -118,11 +144,12 @@ impl Sampler {
                     outline.vote(x, y),
                     outline.shown(x, y),
                     view.mask.as_ref().map(|m| m.contains(x, y)),
+                    end,
                 ))
             })
             .collect();
         let mut batch = RayBatch::default();
-        for (ray, view, tile, colour, label, vote, shown, mask) in drawn {
+        for (ray, view, tile, colour, label, vote, shown, mask, end) in drawn {
             batch.rays.push(ray);
             batch.views.push(view);
             batch.tiles.push(tile);
@@ -131,6 +158,7 @@ impl Sampler {
             batch.votes.push(vote);
             batch.shown.push(shown);
             batch.masks.push(mask);
+            batch.ends.push(end);
         }
         batch
     }
@@ -155,6 +183,22 @@ impl Sampler {
             })
             .take(count)
             .collect()
+    }
+
+    /// A place that a view is known to see, if it is one's turn and the picture holds it.
+    fn sight(&self, scene: &Prepared, random: &mut impl Rng) -> Option<Aim> {
+        let sights = scene.sights.as_slice();
+        if sights.is_empty() || random.random::<f32>() >= self.sight_share {
+            return None;
+        }
+        let (number, place) = sights[random.random_range(0..sights.len())];
+        let number = number as usize;
+        let view = scene.views.get(number)?;
+        let (pixel, _) = view.project(place)?;
+        let size = Vec2::new(view.width() as f32, view.height() as f32);
+        let is_inside = pixel.cmpge(Vec2::ZERO).all() && pixel.cmplt(size).all();
+        let end = scene.frame.normalised_from_world(place);
+        is_inside.then_some((number, pixel, Some(end)))
     }
 
     fn pixel(&self, scene: &Prepared, random: &mut impl Rng) -> (usize, u32, u32) {
@@ -270,9 +314,44 @@ pub fn step_random(seed: u64, step: u32) -> Pcg64Mcg {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
+    use crate::prepare::Sights;
     use crate::prepare::spans::PixelSpans;
     use crate::train::tiny;
+
+    #[test]
+    fn some_rays_go_to_places_that_their_view_is_known_to_see() {
+        let config = tiny::config();
+        let mut data = tiny::prepared(&config, &[]);
+        let share = |data: &Prepared| {
+            let sampler = Sampler::new(data, 5, config.sampling.object_share).with_sights(0.25);
+            let batch = sampler.draw(data, 7, 4000);
+            for (ray, end) in batch.rays.iter().zip(&batch.ends) {
+                let Some(end) = end else { continue };
+                let t = ray.direction.dot(*end - ray.origin);
+                assert!((ray.origin + t * ray.direction).distance(*end) < 1e-4);
+            }
+            let ends = batch.ends.iter().flatten().count();
+            (ends as f32 / 4000.0, batch)
+        };
+        let without = Sampler::new(&data, 5, config.sampling.object_share).draw(&data, 7, 4000);
+        let (none, batch) = share(&data);
+        assert_eq!((none, &batch.colours), (0.0, &without.colours));
+        let places = (0..300).map(|i| data.frame.world_from_normalised(Vec3::X * 0.001 * i as f32));
+        let views = data.views.len() as u32;
+        data.sights = Sights::new((0..).zip(places).map(|(i, place)| (i % views, place)));
+        let (some, _) = share(&data);
+        assert!((0.22..0.28).contains(&some), "{some}");
+        // What lies behind a camera is not in its picture.
+        let behind = data.views[0]
+            .camera_from_world
+            .inverse()
+            .transform_point(-DVec3::Z);
+        data.sights = Sights::new((0..300).map(|_| (0, behind)));
+        assert_eq!(share(&data).0, 0.0);
+    }
 
     #[test]
     fn what_colours_show_is_drawn_more_often_but_not_from_all_else() {

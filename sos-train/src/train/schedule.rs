@@ -26,6 +26,7 @@ pub fn at(config: &TrainConfig, step: u32, levels: usize) -> StepSchedule {
             mask_weight(&config.loss, progress)
         },
         far_weight: far_weight(config, progress),
+        sight_weight: sight_weight(config, progress),
         view_share: rise(
             progress,
             config.schedule.view_start,
@@ -41,6 +42,15 @@ const FAR_FALL: f32 = 0.2;
 fn far_weight(config: &TrainConfig, progress: f32) -> f32 {
     let start = carve_step(config) as f32 / config.steps.max(1) as f32;
     config.loss.far * (1.0 - rise(progress, start, start + FAR_FALL))
+}
+
+/// Shares of the run between which the price of light from elsewhere than where rays are known to end falls to nothing.
+const SIGHT_FALLS: [f32; 2] = [0.3, 0.6];
+
+/// It clears what photos could be explained with as well. Later on it would only wear away thin things beside such rays.
+fn sight_weight(config: &TrainConfig, progress: f32) -> f32 {
+    let [start, end] = SIGHT_FALLS;
+    config.loss.sight * (1.0 - rise(progress, start, end))
 }
 
 /// 0 until `start`, 1 from `end` on, even in between.

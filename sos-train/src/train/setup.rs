@@ -191,7 +191,8 @@ impl Trainer {
             mask_faults: MaskFaults::default(),
             contested: Contested::default(),
             cameras: Cameras::default(),
-            sampler: Sampler::new(scene, config.seed, config.sampling.object_share),
+            sampler: Sampler::new(scene, config.seed, config.sampling.object_share)
+                .with_sights(config.sampling.sight_share),
             step: 0,
             rays: config.sampling.rays.min(config.sampling.most_rays) as f32,
             rate_scale: 1.0,

@@ -62,76 +62,8 @@ pub struct StepSchedule {
     pub mask_weight: f32,
     /// Weight of light that comes from far away.
     pub far_weight: f32,
-}
-
-/// The losses of a step, as numbers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
-pub struct StepLosses {
-    /// The sum that is differentiated.
-    pub total: f32,
-    /// Joint colour.
-    pub colour: f32,
-    /// BaCo alone, outside the object.
-    pub background: f32,
-    /// Eikonal, both fields.
-    pub eikonal: f32,
-    /// Sparsity.
-    pub sparsity: f32,
-    /// Masks, of the matte and of a semantic field's share.
-    pub mask: f32,
-    /// Sparse points.
-    pub points: f32,
-    /// Curvature.
-    pub curvature: f32,
-    /// Distortion.
-    pub distortion: f32,
-    /// Light from far away.
-    pub far: f32,
-    /// What hides the object.
-    pub hidden: f32,
-    /// Mean squared error of the joint colour.
-    pub mse: f32,
-}
-
-impl StepLosses {
-    /// Each by its name in logs, before its weight; and their weighted sum, the `total`.
-    #[must_use]
-    pub fn named(&self) -> [(&'static str, f32); 11] {
-        // In full: a new loss does not compile before it has a name, or is left out on purpose.
-        let Self {
-            total,
-            colour,
-            background,
-            eikonal,
-            sparsity,
-            mask,
-            points,
-            curvature,
-            distortion,
-            far,
-            hidden,
-            mse: _,
-        } = *self;
-        [
-            ("total", total),
-            ("colour", colour),
-            ("background", background),
-            ("eikonal", eikonal),
-            ("sparsity", sparsity),
-            ("mask", mask),
-            ("points", points),
-            ("curvature", curvature),
-            ("distortion", distortion),
-            ("far", far),
-            ("hidden", hidden),
-        ]
-    }
-
-    /// Whether they are numbers.
-    #[must_use]
-    pub fn is_finite(&self) -> bool {
-        self.total.is_finite() && self.mse.is_finite()
-    }
+    /// Weight of light from elsewhere than where rays are known to end.
+    pub sight_weight: f32,
 }
 
 /// Rows of a list as a tensor without gradient.
@@ -344,14 +276,27 @@ fn pixel_losses(
     }
     if known.spread.is_some() {
         let mean = losses.mean();
-        let mut add_marks = |mark: usize, weight: f32, entry: Entry| {
+        // On rays whose end is known, the second mark is how far from that light comes; on others, from how far away.
+        let is_sight = |end: &Option<Vec3>| f32::from(u8::from(end.is_some()));
+        let any_sight = batch.ends.iter().any(Option::is_some);
+        let (others, sights) = if any_sight {
+            let others = losses.know_weights(batch.ends.iter().map(|end| 1.0 - is_sight(end)));
+            let sights = losses.know_weights(batch.ends.iter().map(is_sight));
+            (others, sights)
+        } else {
+            (mean, mean)
+        };
+        let mut add_marks = |mark: usize, pixels: usize, weight: f32, entry: Entry| {
             if weight > 0.0 {
                 let column = column::MARKS + mark;
-                losses.add(RowLoss::Value { column }, mean, weight, entry);
+                losses.add(RowLoss::Value { column }, pixels, weight, entry);
             }
         };
-        add_marks(0, weights.distortion, |losses| &mut losses.distortion);
-        add_marks(1, schedule.far_weight, |losses| &mut losses.far);
+        add_marks(0, mean, weights.distortion, |losses| &mut losses.distortion);
+        add_marks(1, others, schedule.far_weight, |losses| &mut losses.far);
+        if any_sight {
+            add_marks(1, sights, schedule.sight_weight, |losses| &mut losses.sight);
+        }
     }
     losses
 }
