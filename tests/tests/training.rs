@@ -368,7 +368,7 @@ fn the_object_is_found_without_masks_and_by_one() {
         find_object(
             &views,
             points,
-            &Sights::default(),
+            &Sights::of_points(&scene.model),
             hint,
             &config,
             &go_on,

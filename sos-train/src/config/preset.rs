@@ -112,7 +112,7 @@ fn default() -> TrainConfig {
             object_steps: 128,
             background_samples: 32,
             object_share: 0.6,
-            sight_share: 0.0,
+            sight_share: 0.2,
             clear_share: 1.0,
             occupancy_resolution: 128,
             occupancy_every: 16,

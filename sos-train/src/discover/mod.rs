@@ -1,12 +1,13 @@
 //! Finding the object without masks.
 //!
-//! A capture says what it is of by where its cameras look. So a background field learns the whole
-//! region of interest ([`region`]) for a while, helped by the places where rays are known to end (`places.rs`); its depths, fused, are solid shapes; the plane that
-//! things stand on is taken away ([`sparse_ground`], [`plane`]), and with it what bulges out of it (`humps.rs`); what stands close together is parted (`standing.rs`); and of the parts
-//! that remain, the object is the one in the middle, or the one that a hint points at ([`parts`]). Where a few views have masks,
-//! the object is what they show and what hangs together with it instead, ground or not (`spread.rs`). Where it goes on beyond the region, a larger
-//! one is looked at in the same way; where it hangs together with too much there, it is parted from what hangs on it by thin bridges
-//! (`cores.rs`), or else followed from what it was to where it ends (`beyond.rs`). What it touches begins where colours change (`seams.rs`).
+//! A capture says what it is of by where its cameras look. So a background field learns the whole region of interest
+//! ([`region`]) for a while, helped by places where rays are known to end (`places.rs`); its depths, fused, are solid shapes; the
+//! plane that things stand on is taken away ([`sparse_ground`], [`plane`]), and with it what bulges out of it (`humps.rs`); what
+//! stands close together is parted (`standing.rs`); and of the parts that remain, the object is the one in the middle, or the one
+//! that a hint points at ([`parts`]). Where a few views have masks, the object is what they show and what hangs together with it
+//! instead, ground or not (`spread.rs`). Where it goes on beyond the region, a larger one is looked at in the same way; where it
+//! hangs together with too much there, it is parted from what hangs on it by thin bridges (`cores.rs`), or else followed from what
+//! it was to where it ends (`beyond.rs`). What it touches begins where colours change (`seams.rs`).
 //! Every view's pixels that show this part are its rough mask ([`masks`]), and from there on a run is like any other.
 //!
 //! The whole of it is open point 5 of the method, which leaves the choice of the surface to the reader.
@@ -55,9 +56,8 @@ const STEP_SHARE: f32 = 0.5;
 const MOST_STEPS: u32 = 4000;
 /// What short runs spend on it, as far as they have as many: with fewer the wrong thing is found.
 const WORTHWHILE_STEPS: u32 = 1500;
-/// What light costs that comes from elsewhere than where a ray is known to end, and how many rays that is known of.
+/// What light costs that comes from elsewhere than where a ray is known to end.
 const SIGHT: f32 = 0.02;
-const SIGHT_SHARE: f32 = 0.2;
 
 /// The object that was found.
 #[derive(Debug)]
@@ -87,7 +87,7 @@ pub fn find_object(
 ) -> Result<Option<Discovery>, PrepareError> {
     let config = search_config(config);
     let region = hint.region(views, points)?;
-    let places = Places::known(views, points, sights)?;
+    let places = Places::known(views, points, sights, interrupt)?;
     let look_at = |region| {
         Look::new(
             views,
@@ -217,6 +217,5 @@ fn search_config(run: &TrainConfig) -> TrainConfig {
     config.loss.mask_trusted = 0.0;
     config.loss.hidden = 0.0;
     config.loss.sight = SIGHT;
-    config.sampling.sight_share = SIGHT_SHARE;
     config
 }

@@ -64,7 +64,7 @@ pub struct Prepared {
     pub quorum: Quorum,
     /// Sparse points in the box, the object's and others, in the normalised frame.
     pub points: Vec<Vec3>,
-    /// Places that views are known to see, the object's and others; none where nothing is learnt from them.
+    /// Where some rays are known to end, at the object and elsewhere; none where nothing is learnt from it.
     pub sights: Sights,
     /// What a user should know about the choices made, a sentence each.
     pub notes: Vec<String>,

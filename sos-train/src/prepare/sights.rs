@@ -1,8 +1,8 @@
 //! Where some rays are known to end.
 //!
-//! A sparse point was matched between the photos that show it, so that nothing stands before it in any of them. Learnt
-//! with few views, a field has floaters and bulges that all photos can be explained with; where their rays are known to
-//! end it has not (Deng et al. 2022, "Depth-supervised NeRF: Fewer Views and Faster Training for Free").
+//! Places that photos were matched by are seen in all of these, so that nothing stands before them there. Learnt with few
+//! views, a field has floaters and bulges that all photos can be explained with; where their rays are known to end it has
+//! not (Deng et al. 2022, "Depth-supervised NeRF: Fewer Views and Faster Training for Free").
 
 use std::collections::HashMap;
 
@@ -11,7 +11,7 @@ use io_colmap::Model;
 
 /// Pixels of reprojection error up to which a point is where it is said to be.
 const MOST_ERROR: f64 = 2.0;
-/// Views that have to see a point: two can be mistaken together.
+/// Views that have to see a place: two can be mistaken together.
 const LEAST_VIEWS: usize = 3;
 /// More than so many are thinned out evenly: they would say the same.
 const MOST_SIGHTS: usize = 200_000;
@@ -28,25 +28,31 @@ impl Sights {
     pub fn of_points(model: &Model) -> Self {
         let views = model.views.iter().zip(0..);
         let number: HashMap<u32, u32> = views.map(|(view, number)| (view.id, number)).collect();
-        let exact = model
-            .points
-            .iter()
-            .filter(|point| point.error <= MOST_ERROR && point.views.len() >= LEAST_VIEWS);
-        Self::new(exact.flat_map(|point| {
-            let numbers = point.views.iter().filter_map(|id| number.get(id).copied());
-            numbers.map(|view| (view, point.position))
+        let exact = model.points.iter().filter(|p| p.error <= MOST_ERROR);
+        Self::new(exact.map(|point| {
+            let views = point.views.iter().filter_map(|id| number.get(id).copied());
+            (point.position, views.collect())
         }))
     }
 
-    /// Of views, by number, and places they see; none where these are too few.
+    /// Of places and the numbers of the views that see each; none where these are too few.
     #[must_use]
-    pub fn new(seen: impl IntoIterator<Item = (u32, DVec3)>) -> Self {
-        let all: Vec<(u32, DVec3)> = seen.into_iter().collect();
-        if all.len() < LEAST_SIGHTS {
+    pub fn new(places: impl Iterator<Item = (DVec3, Vec<u32>)> + Clone) -> Self {
+        let sure = places.filter(|(_, views)| views.len() >= LEAST_VIEWS);
+        let all: usize = sure.clone().map(|(_, views)| views.len()).sum();
+        if all < LEAST_SIGHTS {
             return Self::default();
         }
-        let stride = all.len().div_ceil(MOST_SIGHTS);
-        Self(all.into_iter().step_by(stride).collect())
+        // Whole places are left out, before what is left takes any room.
+        let some = sure.step_by(all.div_ceil(MOST_SIGHTS));
+        let seen = some.flat_map(|(place, views)| views.into_iter().map(move |view| (view, place)));
+        Self(seen.collect())
+    }
+
+    /// Whether none is known.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
     }
 
     /// A view's number and a place it sees.
@@ -83,23 +89,18 @@ mod tests {
         };
         let mut model = Model {
             views: [9, 4, 7].map(view).to_vec(),
-            // Too few of them see it, it is not exact, and 5 is no view of the model.
-            points: vec![
-                point(1, 0.5, &[4, 9]),
-                point(2, 2.5, &[4, 7, 9]),
-                point(3, 0.5, &[4, 5, 9]),
-            ],
+            // Too few see it, and it is not exact.
+            points: vec![point(1, 0.5, &[4, 9]), point(2, 2.5, &[4, 7, 9])],
             ..Model::default()
         };
-        assert_eq!(Sights::of_points(&model), Sights::default());
-        model
-            .points
-            .extend((4..60).map(|id| point(id, -1.0, &[4, 7, 9])));
+        assert!(Sights::of_points(&model).is_empty());
+        let exact = (3..60).map(|id| point(id, -1.0, &[4, 7, 9]));
+        model.points.extend(exact);
         let sights = Sights::of_points(&model);
         let sights = sights.as_slice();
-        assert_eq!(sights.len(), 2 + 3 * 56);
+        assert_eq!(sights.len(), 3 * 57);
         let place = |id: f64| DVec3::X * id;
-        let expected = [(1, place(3.0)), (0, place(3.0)), (1, place(4.0))];
-        assert_eq!(sights[..3], expected);
+        let expected = [(1, 3.0), (2, 3.0), (0, 3.0), (1, 4.0)];
+        assert_eq!(sights[..4], expected.map(|(view, id)| (view, place(id))));
     }
 }

@@ -17,7 +17,8 @@ use neus_render::contraction::contract;
 use super::batch::MarchedBatch;
 use super::visible::Look;
 
-/// Samples this near to where a ray is known to end are there: places are not exact, and surfaces are not thin.
+/// Samples this near to where a ray is known to end are there: places are not exact, and surfaces are not thin. In contracted
+/// space, where the box's half side is 1.
 const AT_END: f32 = 0.03;
 /// From that much farther on all are equally wrong.
 const OFF_END: f32 = 0.1;
@@ -29,11 +30,11 @@ pub struct Spread {
     pub object: Vec<f32>,
     /// BaCo's, `[m_b]`.
     pub background: Vec<f32>,
-    /// How far outside the box BaCo's samples lie, `[m_b]`: 0 in the box, 1 at infinity. On rays whose end is known, how far
-    /// from that, 0 to 1.
-    pub far: Vec<f32>,
-    /// How far FoCoR's samples lie from the known end of their ray, `[m_f]`; 0 on others.
-    pub astray: Vec<f32>,
+    /// Of BaCo's samples, how far outside the box they lie, 0 in the box and 1 at infinity; on rays whose end is known how far
+    /// from that, 0 to 1. `[m_b]`
+    pub off_background: Vec<f32>,
+    /// Of FoCoR's, how far from the known end of their ray; 0 on others. `[m_f]`
+    pub off_object: Vec<f32>,
 }
 
 impl Spread {
@@ -41,16 +42,16 @@ impl Spread {
     pub(super) fn append(&mut self, other: Self) {
         self.object.extend(other.object);
         self.background.extend(other.background);
-        self.far.extend(other.far);
-        self.astray.extend(other.astray);
+        self.off_background.extend(other.off_background);
+        self.off_object.extend(other.off_object);
     }
 
     /// The spread of every sample, and how far outside the box, or from the known end of its ray, it lies.
     #[must_use]
     pub(super) fn marks(&self) -> Marks {
         Marks {
-            object: pairs(&self.object, &self.astray),
-            background: pairs(&self.background, &self.far),
+            object: pairs(&self.object, &self.off_object),
+            background: pairs(&self.background, &self.off_background),
         }
     }
 
@@ -61,8 +62,8 @@ impl Spread {
         Self {
             object: of(&self.object, object),
             background: of(&self.background, background),
-            far: of(&self.far, background),
-            astray: of(&self.astray, object),
+            off_background: of(&self.off_background, background),
+            off_object: of(&self.off_object, object),
         }
     }
 }
@@ -80,8 +81,8 @@ pub fn spread(marched: &MarchedBatch, look: &Look, ends: &[Option<Vec3>]) -> Spr
     let mut out = Spread {
         object: vec![0.0; marched.object.len()],
         background: vec![0.0; marched.background.len()],
-        far: marched.background.points.chunks_exact(3).map(far).collect(),
-        astray: vec![0.0; marched.object.len()],
+        off_background: marched.background.points.chunks_exact(3).map(far).collect(),
+        off_object: vec![0.0; marched.object.len()],
     };
     // (is BaCo's, row, weight, position) of one ray, front to back.
     let mut ray_samples: Vec<(bool, usize, f32, f32)> = Vec::new();
@@ -118,10 +119,10 @@ pub fn spread(marched: &MarchedBatch, look: &Look, ends: &[Option<Vec3>]) -> Spr
         if let Some(end) = ends[ray].map(contract) {
             let at = |points: &[f32], row: usize| astray(&points[3 * row..], end);
             for row in range(packing.object_offsets()) {
-                out.astray[row] = at(&marched.object.points, row);
+                out.off_object[row] = at(&marched.object.points, row);
             }
             for row in range(packing.background_offsets()) {
-                out.far[row] = at(&marched.background.points, row);
+                out.off_background[row] = at(&marched.background.points, row);
             }
         }
         // Two sweeps with running sums make the double sum linear.
@@ -224,7 +225,7 @@ mod tests {
         for (found, x) in found.object.iter().zip([-0.5, 0.1]) {
             assert!((found - expected(x)).abs() < 1e-6, "{found}");
         }
-        assert_eq!(found.far, [0.0; 3]);
+        assert_eq!(found.off_background, [0.0; 3]);
         assert_eq!(far(&[0.2, -1.5, 1.0]), 0.5);
         for (found, x) in found.background.iter().zip([-0.9, 0.1, 0.7]) {
             assert!((found - expected(x)).abs() < 1e-6, "{found}");
@@ -252,11 +253,11 @@ mod tests {
             config.steps = 300;
             let mut data = tiny::prepared(&config, &[]);
             let points = demo_scene::generate(&DemoConfig::tiny()).points;
-            data.sights = Sights::new(points.iter().flat_map(|point| {
-                let seen = point.observations.iter();
-                seen.map(|seen| (seen.view as u32, point.position))
+            data.sights = Sights::new(points.iter().map(|point| {
+                let views = point.observations.iter().map(|seen| seen.view as u32);
+                (point.position, views.collect())
             }));
-            assert!(!data.sights.as_slice().is_empty());
+            assert!(!data.sights.is_empty());
             let mut trainer = Trainer::new(&config, &data).unwrap();
             // Before its weight falls.
             let losses: Vec<f32> = (0..90).map(|_| trainer.step(&data).losses.sight).collect();

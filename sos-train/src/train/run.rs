@@ -81,6 +81,9 @@ pub fn run(job: &TrainJob) -> Result<TrainOutcome> {
     let mut data = prepare_with(views, known, points, sizes, band)?;
     if job.config.loss.sight > 0.0 {
         data.sights = Sights::of_points(&job.scene.model);
+        if data.sights.is_empty() {
+            data.notes.push("loss.sight does nothing: the scene does not say which of its sparse points a view sees".to_owned());
+        }
     }
     for note in &data.notes {
         progress.note(note);

@@ -38,7 +38,8 @@ pub struct RayBatch {
 pub struct Sampler {
     seed: u64,
     object_share: f32,
-    sight_share: f32,
+    /// Share of the rays that go to places their view is known to see, and the step from which on none do.
+    sights: (f32, u32),
     poses: Vec<Affine3A>,
     /// Views in which the object can be seen.
     with_object: Vec<usize>,
@@ -46,14 +47,8 @@ pub struct Sampler {
     surroundings: Vec<[u32; 4]>,
 }
 
-/// A ray to be: a view's number, where in its picture, and where the ray ends, if that is known.
-type Aim = (usize, Vec2, Option<Vec3>);
-
-/// The middle of a pixel of a view.
-fn at_middle((view, x, y): (usize, u32, u32)) -> Aim {
-    let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-    (view, pixel, None)
-}
+/// A view's number and a pixel of it.
+type Pixel = (usize, u32, u32);
 
 /// Of the rays that are not drawn where the object can be, how many fall into its surroundings:
 /// what lies there is what plates show behind the object.
@@ -77,7 +72,7 @@ impl Sampler {
         Self {
             seed,
             object_share,
-            sight_share: 0.0,
+            sights: (0.0, 0),
             poses: scene
                 .views
                 .iter()
@@ -92,13 +87,12 @@ impl Sampler {
         }
     }
 
-    /// The same with this share of the rays going to places that their view is known to see, if there are any.
+    /// The same with a `share` of the rays of the steps before `end` going to places that their view is known to see, if there
+    /// are any.
     #[must_use]
-    pub fn with_sights(self, sight_share: f32) -> Self {
-        Self {
-            sight_share,
-            ..self
-        }
+    pub fn with_sights(self, share: f32, end: u32) -> Self {
+        let sights = (share, end);
+        Self { sights, ..self }
     }
 
     /// Takes the cameras to be where they are now.
@@ -112,26 +106,28 @@ impl Sampler {
     pub fn draw(&self, scene: &Prepared, step: u32, rays: usize) -> RayBatch {
         let mut random = step_random(self.seed, step);
         let alike = Alike::of(scene, self.object_share);
-        let aims: Vec<Aim> = (0..rays)
+        let aims: Vec<(Pixel, Option<Vec3>)> = (0..rays)
             .map(|_| {
-                self.sight(scene, &mut random).unwrap_or_else(|| {
-                    at_middle(match alike.pixel(scene, &mut random) {
-                        Some(pixel) => pixel,
-                        None => self.pixel(scene, &mut random),
-                    })
-                })
+                if let Some((pixel, end)) = self.sight(scene, step, &mut random) {
+                    return (pixel, Some(end));
+                }
+                let pixel = match alike.pixel(scene, &mut random) {
+                    Some(pixel) => pixel,
+                    None => self.pixel(scene, &mut random),
+                };
+                (pixel, None)
             })
             .collect();
         // Looking things up takes most of the time: each pixel is somewhere else in memory.
         let drawn: Vec<_> = aims
             .into_par_iter()
             .with_min_len(CHUNK)
-            .filter_map(|(number, pixel, end)| {
-                let (x, y) = (pixel.x as u32, pixel.y as u32);
+            .filter_map(|((number, x, y), end)| {
                 let view = &scene.views[number];
                 if view.ignores(x, y) {
                     return None;
                 }
+                let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
                 // A pixel that a lens can't unproject (its far corner, say) teaches nothing.
                 let ray = view.ray(&self.poses[number], pixel)?;
                 let outline = &scene.outlines[number];
@@ -185,23 +181,20 @@ impl Sampler {
             .collect()
     }
 
-    /// A place that a view is known to see, if it is one's turn and the picture holds it.
-    fn sight(&self, scene: &Prepared, random: &mut impl Rng) -> Option<Aim> {
-        let sights = scene.sights.as_slice();
-        if sights.is_empty() || random.random::<f32>() >= self.sight_share {
+    /// The pixel of a place that its view is known to see, and the place, if it is the turn of one and its view has it.
+    fn sight(&self, scene: &Prepared, step: u32, random: &mut impl Rng) -> Option<(Pixel, Vec3)> {
+        let (sights, (share, end)) = (scene.sights.as_slice(), self.sights);
+        if sights.is_empty() || step >= end || random.random::<f32>() >= share {
             return None;
         }
         let (number, place) = sights[random.random_range(0..sights.len())];
-        let number = number as usize;
-        let view = scene.views.get(number)?;
+        let view = scene.views.get(number as usize)?;
         let (pixel, _) = view.project(place)?;
-        let size = Vec2::new(view.width() as f32, view.height() as f32);
-        let is_inside = pixel.cmpge(Vec2::ZERO).all() && pixel.cmplt(size).all();
-        let end = scene.frame.normalised_from_world(place);
-        is_inside.then_some((number, pixel, Some(end)))
+        let pixel = (number as usize, pixel.x as u32, pixel.y as u32);
+        Some((pixel, scene.frame.normalised_from_world(place)))
     }
 
-    fn pixel(&self, scene: &Prepared, random: &mut impl Rng) -> (usize, u32, u32) {
+    fn pixel(&self, scene: &Prepared, random: &mut impl Rng) -> Pixel {
         if !self.with_object.is_empty() && random.random::<f32>() < self.object_share {
             let view = self.with_object[random.random_range(0..self.with_object.len())];
             let candidates = &scene.outlines[view].candidates;
@@ -218,7 +211,7 @@ impl Sampler {
     }
 
     /// A pixel of a view, wherever the object is.
-    fn anywhere(&self, scene: &Prepared, view: usize, random: &mut impl Rng) -> (usize, u32, u32) {
+    fn anywhere(&self, scene: &Prepared, view: usize, random: &mut impl Rng) -> Pixel {
         let photo = &scene.views[view].photo;
         if random.random::<f32>() < NEARBY_SHARE {
             let [x0, y0, x1, y1] = self.surroundings[view];
@@ -256,7 +249,7 @@ impl Alike {
     }
 
     /// One of them, if it is their turn.
-    fn pixel(&self, scene: &Prepared, random: &mut impl Rng) -> Option<(usize, u32, u32)> {
+    fn pixel(&self, scene: &Prepared, random: &mut impl Rng) -> Option<Pixel> {
         if self.pixels == 0 || random.random::<f32>() >= self.share {
             return None;
         }
@@ -325,32 +318,35 @@ mod tests {
     fn some_rays_go_to_places_that_their_view_is_known_to_see() {
         let config = tiny::config();
         let mut data = tiny::prepared(&config, &[]);
-        let share = |data: &Prepared| {
-            let sampler = Sampler::new(data, 5, config.sampling.object_share).with_sights(0.25);
-            let batch = sampler.draw(data, 7, 4000);
-            for (ray, end) in batch.rays.iter().zip(&batch.ends) {
-                let Some(end) = end else { continue };
-                let t = ray.direction.dot(*end - ray.origin);
-                assert!((ray.origin + t * ray.direction).distance(*end) < 1e-4);
+        let share = |data: &Prepared, step: u32| {
+            let sampler = Sampler::new(data, 5, config.sampling.object_share);
+            let batch = sampler.with_sights(0.25, 8).draw(data, step, 4000);
+            let ends = batch.rays.iter().zip(&batch.ends);
+            let sights = ends.filter_map(|(ray, end)| end.map(|end| (ray, end)));
+            for (ray, end) in sights.clone() {
+                let t = ray.direction.dot(end - ray.origin);
+                // Half a pixel of 48 or so, at the most.
+                let off = (ray.origin + t * ray.direction).distance(end);
+                assert!(t > 0.0 && off < 0.03 * t, "{off} at {t}");
             }
-            let ends = batch.ends.iter().flatten().count();
-            (ends as f32 / 4000.0, batch)
+            (sights.count() as f32 / 4000.0, batch)
         };
         let without = Sampler::new(&data, 5, config.sampling.object_share).draw(&data, 7, 4000);
-        let (none, batch) = share(&data);
+        let (none, batch) = share(&data, 7);
         assert_eq!((none, &batch.colours), (0.0, &without.colours));
-        let places = (0..300).map(|i| data.frame.world_from_normalised(Vec3::X * 0.001 * i as f32));
-        let views = data.views.len() as u32;
-        data.sights = Sights::new((0..).zip(places).map(|(i, place)| (i % views, place)));
-        let (some, _) = share(&data);
+        let frame = data.frame;
+        let places = (0..100).map(|i| frame.world_from_normalised(Vec3::X * 0.003 * i as f32));
+        let views: Vec<u32> = (0..data.views.len() as u32).collect();
+        data.sights = Sights::new(places.map(|place| (place, views.clone())));
+        let (some, _) = share(&data, 7);
         assert!((0.22..0.28).contains(&some), "{some}");
+        // Later than that none are drawn.
+        assert_eq!(share(&data, 8).0, 0.0);
         // What lies behind a camera is not in its picture.
-        let behind = data.views[0]
-            .camera_from_world
-            .inverse()
-            .transform_point(-DVec3::Z);
-        data.sights = Sights::new((0..300).map(|_| (0, behind)));
-        assert_eq!(share(&data).0, 0.0);
+        let from_camera = data.views[0].camera_from_world.inverse();
+        let behind = from_camera.transform_point(-DVec3::Z);
+        data.sights = Sights::new((0..100).map(|_| (behind, vec![0; 3])));
+        assert_eq!(share(&data, 7).0, 0.0);
     }
 
     #[test]

@@ -53,6 +53,14 @@ fn sight_weight(config: &TrainConfig, progress: f32) -> f32 {
     config.loss.sight * (1.0 - rise(progress, start, end))
 }
 
+/// The step from which on that price is nothing, and from the start where it has none.
+pub(super) fn sights_end(config: &TrainConfig) -> u32 {
+    if config.loss.sight == 0.0 {
+        return 0;
+    }
+    (SIGHT_FALLS[1] * config.steps as f32).ceil() as u32
+}
+
 /// 0 until `start`, 1 from `end` on, even in between.
 fn rise(progress: f32, start: f32, end: f32) -> f32 {
     ((progress - start) / (end - start).max(1e-6)).clamp(0.0, 1.0)

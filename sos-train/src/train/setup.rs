@@ -14,6 +14,7 @@ use super::contested::Contested;
 use super::grids::FieldGrids;
 use super::outlook::Outlook;
 use super::sampler::Sampler;
+use super::schedule;
 use super::step::StepContext;
 use super::{Trainer, gradient_sinks};
 use crate::config::{Fields, Interpolation, TrainConfig, Transparency};
@@ -192,7 +193,7 @@ impl Trainer {
             contested: Contested::default(),
             cameras: Cameras::default(),
             sampler: Sampler::new(scene, config.seed, config.sampling.object_share)
-                .with_sights(config.sampling.sight_share),
+                .with_sights(config.sampling.sight_share, schedule::sights_end(config)),
             step: 0,
             rays: config.sampling.rays.min(config.sampling.most_rays) as f32,
             rate_scale: 1.0,

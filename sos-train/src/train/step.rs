@@ -75,7 +75,7 @@ pub(super) fn constant(values: &[f32], columns: usize, device: &Device) -> Tenso
 /// What is known about a batch's rays from looking ahead and back.
 #[derive(Clone, Copy, Debug)]
 pub struct Known<'a> {
-    /// Of the samples, unless neither the distortion loss nor the price of distance is wanted.
+    /// Of the samples, unless nothing that has a price by where it comes from is wanted.
     pub spread: Option<&'a Spread>,
     /// The share of each ray's light that BaCo sends from inside the box, `[rays]`; none where it is empty.
     pub box_background: &'a [f32],
