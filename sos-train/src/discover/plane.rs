@@ -99,7 +99,7 @@ pub fn surface_points(solid: &[f32], resolution: usize) -> Vec<SurfacePoint> {
         .collect()
 }
 
-/// The plane that a scene stands on by its fused surfaces, where there are no sparse points: much lies on it and faces
+/// The plane that a scene stands on by its fused surfaces, where no points tell: much lies on it and faces
 /// up, little below, and it goes on to the region's border.
 #[must_use]
 pub fn ground_of_surface(surface: &[SurfacePoint], cameras: &[Vec3], seed: u64) -> Option<Plane> {

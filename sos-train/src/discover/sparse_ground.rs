@@ -1,5 +1,5 @@
-//! The ground by sparse points: found by random samples (RANSAC, Fischler and Bolles 1981), and moved to where the fused
-//! surface bears it out.
+//! The ground by sparse points, or by places that photos agree on: found by random samples (RANSAC, Fischler and Bolles 1981),
+//! and moved to where the fused surface bears it out.
 
 use glam::Vec3;
 use rand::{RngExt, SeedableRng};

@@ -24,7 +24,7 @@ fn audited(dir: &Path, broken: Option<usize>) -> (RunFolder, RunAudit) {
         let camera = &scene.model.cameras[&posed.camera_id];
         let (w, h) = (render.width as i32, render.height as i32);
         let mut nearest = vec![f32::INFINITY; render.depth.len()];
-        for vertex in &truth.mesh.vertices {
+        for vertex in &truth.mesh.positions {
             let point = DVec3::from_array(vertex.to_array());
             let seen = posed.camera_from_world.transform_point(point);
             let Some(pixel) = camera.project(seen) else {

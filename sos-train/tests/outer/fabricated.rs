@@ -108,11 +108,10 @@ pub(crate) fn render(view: &demo_scene::DemoView) -> ViewRender {
 }
 
 fn mesh(scene: &DemoScene) -> Mesh {
-    let vertices = scene.mesh.vertices.len();
+    let vertices = scene.mesh.positions.len();
     Mesh {
-        positions: scene.mesh.vertices.clone(),
         normals: vec![Vec3::Z; vertices],
         colours: vec![[200, 80, 10]; vertices],
-        triangles: scene.mesh.faces.clone(),
+        ..scene.mesh.clone()
     }
 }
