@@ -162,6 +162,7 @@ fn far(contracted: &[f32]) -> f32 {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use demo_scene::DemoConfig;
     use neus_render::composite::{Packing, SampleVisibility, Visibility};
