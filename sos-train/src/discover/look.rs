@@ -380,30 +380,6 @@ mod tests {
     }
 
     #[test]
-    fn what_is_low_and_of_the_grounds_colour_stands_on_it_all_the_same() {
-        let (table, radius) = (-0.1, 0.035);
-        let centre = Vec3::new(0.0, 0.0, table + radius);
-        let ball = |centre, radius, colour| Ball {
-            centre,
-            radius,
-            colour,
-        };
-        let stage = Stage {
-            table,
-            balls: vec![ball(centre, radius, super::super::staged::TABLE)],
-        };
-        let views = photos(&stage);
-        let region = Frame {
-            centre: DVec3::ZERO,
-            half_side: 0.5,
-        };
-        let mut found = look(&stage, &views, region);
-        found.settle_ends(&Hint::Nothing);
-        let top = region.normalised_from_world((centre + Vec3::Z * (radius - 0.004)).as_dvec3());
-        assert!(found.chosen.contains(top));
-    }
-
-    #[test]
     fn an_object_ends_where_its_colour_does_and_not_where_a_part_was_cut() {
         let stage = Stage {
             table: -0.1,
