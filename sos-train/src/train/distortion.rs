@@ -251,7 +251,8 @@ mod tests {
             config.sampling.sight_share = 0.3;
             // BaCo by itself, as in a search.
             config.schedule.carve = 1.0;
-            config.steps = 300;
+            config.schedule.warmup_steps = 10;
+            config.steps = 800;
             let mut data = tiny::prepared(&config, &[]);
             let points = demo_scene::generate(&DemoConfig::tiny()).points;
             data.sights = Sights::new(points.iter().map(|point| {
@@ -261,8 +262,8 @@ mod tests {
             assert!(!data.sights.is_empty());
             let mut trainer = Trainer::new(&config, &data).unwrap();
             // Before its weight falls.
-            let losses: Vec<f32> = (0..90).map(|_| trainer.step(&data).losses.sight).collect();
-            losses[60..].iter().sum::<f32>() / 30.0
+            let losses: Vec<f32> = (0..240).map(|_| trainer.step(&data).losses.sight).collect();
+            losses[200..].iter().sum::<f32>() / 40.0
         };
         // Next to nothing, so that it is only looked at.
         let (without, with) = (astray_after(1e-6), astray_after(0.1));
