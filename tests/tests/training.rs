@@ -372,7 +372,7 @@ fn the_object_is_found_without_masks_and_by_one() {
             hint,
             &config,
             &go_on,
-            |_, _| {},
+            |_, _, _| {},
         )
     };
     let found = find(&Hint::Nothing).unwrap().unwrap();

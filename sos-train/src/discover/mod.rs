@@ -68,11 +68,20 @@ pub struct Discovery {
     pub notes: Vec<String>,
 }
 
+/// What the search for the object is at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Searching {
+    /// Photos are asked for places that they agree on, one by one.
+    Places,
+    /// A region is learnt, step by step.
+    Region,
+}
+
 /// Looks for the object that `views` are of. `None` when `interrupt` came up.
 ///
 /// `points` are the model's sparse points, `sights` what the views see of them.
 ///
-/// `progress` is told the steps done and to be done, from 1 on for each region that is looked at.
+/// `progress` is told what it is at, how far and of how much, from 1 on for the photos and for each region that is looked at.
 ///
 /// # Errors
 /// When cameras, points and hints do not determine a region, or nothing stands in it.
@@ -83,11 +92,13 @@ pub fn find_object(
     hint: &Hint,
     config: &TrainConfig,
     interrupt: &AtomicBool,
-    mut progress: impl FnMut(u32, u32),
+    mut progress: impl FnMut(Searching, u32, u32),
 ) -> Result<Option<Discovery>, PrepareError> {
     let config = search_config(config);
     let region = hint.region(views, points)?;
-    let places = Places::known(views, points, sights, interrupt)?;
+    let asked = |done, photos| progress(Searching::Places, done, photos);
+    let places = Places::known(views, points, sights, interrupt, asked)?;
+    let mut learnt = |done, steps| progress(Searching::Region, done, steps);
     let look_at = |region| {
         Look::new(
             views,
@@ -96,7 +107,7 @@ pub fn find_object(
             &config,
             region,
             interrupt,
-            &mut progress,
+            &mut learnt,
         )
     };
     let Some((mut look, refused)) = looked(region, hint, look_at)? else {

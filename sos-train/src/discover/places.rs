@@ -18,12 +18,13 @@ pub(super) struct Places {
 
 impl Places {
     /// The sparse `points` with the `sights` of them. Where there are none, or the model does not say who sees them, what the
-    /// photos of `views` tell, as far as it comes until `interrupt`.
+    /// photos of `views` tell, as far as it comes until `interrupt`; `progress` is told how many of these are asked, of how many.
     pub(super) fn known(
         views: &[TrainView],
         points: &[SparsePoint],
         sights: &Sights,
         interrupt: &AtomicBool,
+        progress: impl FnMut(u32, u32),
     ) -> Result<Self, PrepareError> {
         let mut known = Self {
             points: points.iter().map(|point| point.position).collect(),
@@ -32,7 +33,7 @@ impl Places {
         if !known.sights.is_empty() {
             return Ok(known);
         }
-        let found = sweep::everywhere(views, interrupt)?;
+        let found = sweep::everywhere(views, interrupt, progress)?;
         known.sights = Sights::new(found.iter().map(|place| {
             let views = place.views.iter().map(|view| *view as u32);
             (place.position, views.collect())
@@ -57,7 +58,7 @@ mod tests {
         let views = board_before_wall();
         let go_on = AtomicBool::new(false);
         let known = |points: &[SparsePoint], sights: &Sights| {
-            Places::known(&views, points, sights, &go_on).unwrap()
+            Places::known(&views, points, sights, &go_on, |_, _| {}).unwrap()
         };
         let swept = known(&[], &Sights::default());
         let at_board = |place: &DVec3| (place.z / BOARD - 1.0).abs() < 0.15;

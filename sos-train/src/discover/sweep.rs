@@ -72,15 +72,21 @@ pub(super) fn places(
     Ok(found.into_iter().map(|place| place.position).collect())
 }
 
-/// As many places as the `views` show that are worth their time; those found so far when `interrupt` comes up.
+/// As many places as the `views` show that are worth their time; those found so far when `interrupt` comes up. `progress` is
+/// told how many views are looked through, of how many.
 ///
 /// # Errors
 /// When there is no room for smaller photos.
 pub(super) fn everywhere(
     views: &[TrainView],
     interrupt: &AtomicBool,
+    mut progress: impl FnMut(u32, u32),
 ) -> Result<Vec<Place>, PrepareError> {
-    sweep(views, references(views, MOST_REFERENCES), |eye| {
+    let references = references(views, MOST_REFERENCES);
+    let (mut done, all) = (0, references.len() as u32);
+    sweep(views, references, |eye| {
+        done += 1;
+        progress(done, all);
         if interrupt.load(Ordering::Relaxed) {
             return Vec::new();
         }
@@ -98,7 +104,7 @@ fn references(views: &[TrainView], most: usize) -> Vec<usize> {
 fn sweep(
     views: &[TrainView],
     references: Vec<usize>,
-    patches: impl Fn(&Eye) -> Vec<Patch>,
+    mut patches: impl FnMut(&Eye) -> Vec<Patch>,
 ) -> Result<Vec<Place>, PrepareError> {
     let around: Vec<(usize, Vec<usize>)> = references
         .into_iter()
@@ -400,7 +406,11 @@ pub(super) mod tests {
     #[test]
     fn views_that_agree_on_a_place_show_it() {
         let views = board_before_wall();
-        let found = everywhere(&views, &AtomicBool::new(false)).unwrap();
+        let mut told = Vec::new();
+        let tell = |done, all| told.push((done, all));
+        let found = everywhere(&views, &AtomicBool::new(false), tell).unwrap();
+        let all = views.len().min(MOST_REFERENCES) as u32;
+        assert!(told.into_iter().eq((1..=all).map(|done| (done, all))));
         let few = places(&views, None).unwrap();
         assert!(
             found.len() > 2 * few.len(),

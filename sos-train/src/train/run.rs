@@ -12,7 +12,7 @@ use super::checkpoint::frame_of;
 use super::found_masks;
 use super::probes::Probes;
 use crate::device;
-use crate::discover::{Hint, find_object};
+use crate::discover::{Hint, Searching, find_object};
 use crate::doctor::admission::{Admission, admit};
 use crate::export::{LogRecord, TrainLog, read_log, write_cameras, write_mesh, write_view};
 use crate::job::{Checks, TrainJob, TrainOutcome};
@@ -231,15 +231,16 @@ fn masked_views(job: &TrainJob, progress: &Progress) -> Result<Option<MaskedView
         &hint,
         &job.config,
         &job.interrupt,
-        |done, steps| {
+        |searching, done, all| {
             if done == 1 {
-                regions += 1;
+                regions += u32::from(searching == Searching::Region);
                 let label = match regions {
+                    0 => "looking for the object: what photos agree on",
                     1 => "looking for the object",
                     // It goes on beyond the one before.
                     _ => "looking for the object in a larger region",
                 };
-                stage = Some(progress.stage(label, steps as usize));
+                stage = Some(progress.stage(label, all as usize));
             }
             stage.iter_mut().for_each(|stage| stage.advance());
         },
