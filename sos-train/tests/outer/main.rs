@@ -23,4 +23,5 @@ mod report;
 mod results;
 mod run_folder;
 mod same_box;
+mod sights;
 mod tiny;
