@@ -11,7 +11,7 @@ use glam::Vec3;
 use crate::voxels::faces;
 
 /// Voxels above the ground from which on a part does not stand on it: as many as the lowest hill has.
-const HANGS: f32 = 6.0;
+pub(super) const HANGS: f32 = 6.0;
 /// How far away what holds a part may be, of the part's largest side.
 const NEAR: f32 = 0.5;
 /// Voxels this near touch.

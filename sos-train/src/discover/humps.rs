@@ -38,7 +38,7 @@ pub(super) fn flatten(solid: &mut [f32], resolution: usize, ground: &Plane, eyes
         .filter_map(|cell| {
             let point = ProbabilityMap::centre(resolution, cell);
             let column = columns.of(point)?;
-            let above = ground.height(point) > ground.thickness;
+            let above = !ground.has(point);
             let is_surface = solid[cell] < 0.0 && solid[cell] > -pitch;
             if !(above && is_surface && heights[column] <= LOW) {
                 return None;
@@ -70,9 +70,7 @@ pub(super) fn flatten(solid: &mut [f32], resolution: usize, ground: &Plane, eyes
         .collect();
     for (cell, distance) in solid.iter_mut().enumerate() {
         let point = ProbabilityMap::centre(resolution, cell);
-        if ground.height(point) > ground.thickness
-            && columns.of(point).is_some_and(|column| humps[column])
-        {
+        if !ground.has(point) && columns.of(point).is_some_and(|column| humps[column]) {
             *distance = outside;
         }
     }
@@ -266,11 +264,13 @@ mod tests {
         };
         let photographed = Stage {
             table: GROUND.offset,
+            wall: f32::INFINITY,
             balls: vec![ball(THING, [200, 60, 40])],
         };
         // As it was learnt.
         let stage = Stage {
             table: GROUND.offset,
+            wall: f32::INFINITY,
             balls: vec![ball(THING, [200, 60, 40]), ball(HUMP, TABLE)],
         };
         let views: Vec<TrainView> = (0..12)
@@ -291,9 +291,7 @@ mod tests {
             (0..solid.len())
                 .filter(|&cell| {
                     let p = ProbabilityMap::centre(N, cell);
-                    solid[cell] < 0.0
-                        && GROUND.height(p) > GROUND.thickness
-                        && p.distance(at) < 2.0 * RADIUS
+                    solid[cell] < 0.0 && !GROUND.has(p) && p.distance(at) < 2.0 * RADIUS
                 })
                 .count()
         };

@@ -7,8 +7,9 @@ use image::GrayImage;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::beyond::{is_within, lies_beyond, seen_from, spread_beyond};
+use super::division::{Division, Learnt};
+use super::gaze::Gaze;
 use super::hint::Hint;
-use super::humps;
 use super::masks;
 use super::part_set::PartSet;
 use super::parts::Parts;
@@ -17,7 +18,6 @@ use super::plane::{self, Plane};
 use super::region;
 use super::seams;
 use super::sparse_ground;
-use super::surroundings::open_voxels;
 use crate::config::TrainConfig;
 use crate::prepare::error::PrepareError;
 use crate::prepare::outline::{outline, silhouette};
@@ -52,7 +52,7 @@ pub(super) struct Look {
     pub(super) parts: Parts,
     /// The fused distances of what was learnt, `[RESOLUTION^3]`.
     pub(super) learnt: Vec<f32>,
-    /// The same without humps of the ground; infinite where surroundings without an edge, or a box, leave it out.
+    /// The same as it was [divided](Division).
     pub(super) solid: Vec<f32>,
     /// What was taken away.
     pub(super) ground: Option<Plane>,
@@ -99,37 +99,27 @@ impl Look {
         seed: u64,
     ) -> Result<Self, PrepareError> {
         let learnt = fuse(&data, &depths, &data.map, 0.5, f32::INFINITY);
-        let cameras: Vec<Vec3> = data
-            .views
-            .iter()
-            .map(|view| view.world_from_camera(&data.frame).translation.into())
-            .collect();
         let sparse: Vec<Vec3> = points
             .iter()
             .map(|point| data.frame.normalised_from_world(*point))
             .collect();
+        let region = Learnt {
+            data: &data,
+            depths: &depths,
+            distances: &learnt,
+        };
+        let cameras = region.cameras();
         let surface = plane::surface_points(&learnt, RESOLUTION);
         let ground = sparse_ground::ground(&sparse, &cameras, seed)
             .map(|ground| sparse_ground::settled(ground, &surface, &cameras))
             .filter(|ground| !plane::is_side(ground, &surface))
             .or_else(|| plane::ground_of_surface(&surface, &cameras, seed));
-        let mut solid = learnt.clone();
-        if let Some(ground) = &ground {
-            let eyes = humps::Eyes::new(&data.views, &data.frame, &depths);
-            humps::flatten(&mut solid, RESOLUTION, ground, &eyes);
-        }
-        let open = match hint {
-            // What masks show is the object, of whatever colour.
-            Hint::Masks(_) => vec![false; solid.len()],
-            _ => open_voxels(&solid, &data, &depths, hint.clicked(&data.views)?),
-        };
-        for (distance, _) in solid.iter_mut().zip(&open).filter(|(_, open)| **open) {
-            *distance = f32::INFINITY;
-        }
-        hint.clip(&mut solid, RESOLUTION, &data.frame);
-        let parts =
-            Parts::new(&solid, RESOLUTION, ground.as_ref(), upwards(&data)).keeping_out(open);
-        let chosen = hint.choose(&parts, &data, &depths, &solid)?;
+        let Division {
+            solid,
+            ground,
+            parts,
+            chosen,
+        } = region.divided(ground, surface, hint, seed)?;
         Ok(Self {
             data,
             depths,
@@ -169,13 +159,14 @@ impl Look {
             // What they show is the object, wherever it ends.
             return None;
         }
-        let least = CORE_SHARE * self.chosen.central();
+        let gaze = Gaze::of(&self.data);
+        let least = CORE_SHARE * gaze.central_of(&self.chosen);
         (1..=MOST_LAYERS).find_map(|layers| {
             let split = self.parts.split(&self.chosen, layers);
             let core = hint
                 .choose(&split, &self.data, &self.depths, &self.solid)
                 .ok()?;
-            (core.goes_on().is_none() && core.central() >= least).then_some(core)
+            (core.goes_on().is_none() && gaze.central_of(&core) >= least).then_some(core)
         })
     }
 
@@ -253,17 +244,6 @@ impl Look {
     }
 }
 
-/// The mean of the cameras' upward directions, in the normalised frame.
-fn upwards(data: &Prepared) -> Vec3 {
-    let up = |view: &TrainView| -> Vec3 {
-        let world_from_camera = view.world_from_camera(&data.frame);
-        world_from_camera
-            .transform_vector3(Vec3::NEG_Y)
-            .normalize_or_zero()
-    };
-    data.views.iter().map(up).sum::<Vec3>() / data.views.len().max(1) as f32
-}
-
 /// The region of interest, in which everything may be the object.
 pub(super) fn prepared(views: &[TrainView], frame: Frame, config: &TrainConfig) -> Prepared {
     let views: Vec<TrainView> = views
@@ -317,6 +297,7 @@ mod tests {
         };
         Stage {
             table: -0.35,
+            wall: f32::INFINITY,
             balls: vec![
                 ball(NEAR, 0.35, OBJECT),
                 ball(FAR, 0.2, OBJECT),
@@ -383,6 +364,7 @@ mod tests {
     fn an_object_ends_where_its_colour_does_and_not_where_a_part_was_cut() {
         let stage = Stage {
             table: -0.1,
+            wall: f32::INFINITY,
             balls: vec![Ball {
                 centre: Vec3::ZERO,
                 radius: 0.3,

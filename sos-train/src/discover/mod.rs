@@ -12,8 +12,11 @@
 //!
 //! The whole of it is open point 5 of the method, which leaves the choice of the surface to the reader.
 
+mod beside;
 mod beyond;
 mod cores;
+mod division;
+mod gaze;
 mod hanging;
 pub mod hint;
 mod humps;

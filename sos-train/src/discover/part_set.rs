@@ -5,8 +5,6 @@ use scene_decomp::probability::ProbabilityMap;
 
 use crate::voxels::neighbours;
 
-/// How much less a voxel counts with its distance from the middle: the deviation of a Gaussian.
-const CENTRAL: f32 = 0.45;
 /// Share of a part's voxels at the border from which on it is taken to go on.
 pub(super) const BORDER_SHARE: f32 = 0.02;
 /// The same for no more of it than a tip: an ear, a nose.
@@ -72,11 +70,6 @@ impl PartSet {
         border as f32 / points.len().max(1) as f32
     }
 
-    /// The sum of how central its voxels are.
-    pub(super) fn central(&self) -> f32 {
-        self.points().into_iter().map(central).sum()
-    }
-
     /// Along which axes it goes on beyond the region: 1 or -1 where it does on one side, 0 where it does not or
     /// on both; `None` where it ends within, but for a tip perhaps.
     pub(super) fn goes_on(&self) -> Option<Vec3> {
@@ -105,11 +98,6 @@ impl PartSet {
         };
         Some(Vec3::new(side(0), side(1), side(2)))
     }
-}
-
-/// How central a point of the normalised frame is, 0..1.
-pub(super) fn central(point: Vec3) -> f32 {
-    (-0.5 * point.length_squared() / (CENTRAL * CENTRAL)).exp()
 }
 
 /// Whether a point of the normalised frame lies at the region's border.

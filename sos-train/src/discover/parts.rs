@@ -3,10 +3,12 @@
 use glam::Vec3;
 use scene_decomp::probability::ProbabilityMap;
 
+use super::beside::standing_beside;
 use super::cores::cores;
+use super::gaze::Gaze;
 use super::hanging::holders;
-use super::part_set::{BORDER_SHARE, PartSet, at_border, central, voxel};
-use super::plane::Plane;
+use super::part_set::{BORDER_SHARE, PartSet, at_border, voxel};
+use super::plane::{Plane, height_above};
 use super::standing::things;
 use crate::train::carve::fusion::seen_surface;
 use crate::voxels::{components, neighbours};
@@ -19,8 +21,6 @@ const CRUMB: f32 = 0.002;
 const REACH: f32 = 0.04;
 /// What hangs in the air belongs to what holds it from this share of its voxels on: less may be haze.
 const HELD: f32 = 0.02;
-/// A ground whose normal agrees with the cameras' upward direction more than this is no wall; cameras look down on floors.
-const LEVEL: f32 = 0.3;
 /// Voxels of the smallest part worth a thought.
 pub(super) const LEAST_VOXELS: usize = 40;
 
@@ -36,6 +36,7 @@ pub struct Parts {
     parts: Vec<Part>,
     /// The ground, if things stand on it.
     floor: Option<Plane>,
+    gaze: Gaze,
     /// What no set has, whichever parts are next to it.
     barred: Vec<bool>,
 }
@@ -59,24 +60,15 @@ impl Part {
     }
 }
 
-/// How high a voxel is above the ground, in voxels.
-fn height_above(ground: &Plane, resolution: usize) -> impl Fn(usize) -> f32 {
-    let side = 0.5 * resolution as f32;
-    move |cell| {
-        let height = ground.height(ProbabilityMap::centre(resolution, cell));
-        side * (height - ground.thickness)
-    }
-}
-
 impl Parts {
     /// Of the fused distances `solid` `[resolution^3]`, what lies above the `ground`: only where some
-    /// view saw the surface close by, for what nobody saw is solid too. `up` is the cameras' mean upward direction.
+    /// view saw the surface close by, for what nobody saw is solid too. `gaze` is how cameras look at it.
     #[must_use]
-    pub fn new(solid: &[f32], resolution: usize, ground: Option<&Plane>, up: Vec3) -> Self {
+    pub fn new(solid: &[f32], resolution: usize, ground: Option<&Plane>, gaze: Gaze) -> Self {
         let on_surface = seen_surface(solid);
         let above = |cell: usize| {
             let p = ProbabilityMap::centre(resolution, cell);
-            ground.is_none_or(|plane| plane.height(p) > plane.thickness)
+            ground.is_none_or(|plane| !plane.has(p))
         };
         let cells = solid.iter().enumerate();
         let massive: Vec<bool> = cells.map(|(cell, d)| *d < 0.0 && above(cell)).collect();
@@ -89,8 +81,8 @@ impl Parts {
             Some(plane) => things(&seen, height_above(plane, resolution), resolution),
             None => components(&seen, |cell| neighbours(cell, resolution)),
         };
-        let floor = ground.filter(|plane| plane.normal.dot(up) > LEVEL);
-        Self::of_labels(resolution, massive, labels, count, floor.copied())
+        let floor = ground.filter(|plane| plane.is_level(gaze.up));
+        Self::of_labels(resolution, massive, labels, count, floor.copied(), gaze)
     }
 
     fn of_labels(
@@ -99,6 +91,7 @@ impl Parts {
         labels: Vec<u32>,
         count: u32,
         floor: Option<Plane>,
+        gaze: Gaze,
     ) -> Self {
         let nothing = Part {
             low: Vec3::INFINITY,
@@ -115,7 +108,7 @@ impl Parts {
             let part = &mut parts[label as usize];
             part.voxels += 1;
             part.border += usize::from(at_border(p));
-            part.central += central(p);
+            part.central += gaze.central(p);
             part.low = part.low.min(p);
             part.high = part.high.max(p);
         }
@@ -137,6 +130,7 @@ impl Parts {
             labels,
             parts,
             floor,
+            gaze,
             barred: vec![false; resolution.pow(3)],
         }
     }
@@ -173,6 +167,7 @@ impl Parts {
             labels.collect(),
             first + count,
             self.floor,
+            self.gaze,
         )
         .keeping_out(self.barred.clone())
     }
@@ -223,7 +218,8 @@ impl Parts {
         best.map(|(_, label)| self.with_neighbours(label as usize))
     }
 
-    /// The chosen part with what holds it or is held by the same, and smaller ones close by: thin things come apart.
+    /// The chosen part with what holds it or is held by the same, and smaller ones close by that do not stand beside it: thin things come
+    /// apart.
     fn with_neighbours(&self, chosen: usize) -> PartSet {
         let whole = self.with_held(chosen);
         let voxels: usize = whole.iter().map(|&i| self.parts[i].voxels).sum();
@@ -231,11 +227,18 @@ impl Parts {
             let (low, high) = (main.low - REACH, main.high + REACH);
             part.low.cmpge(low).all() && part.high.cmple(high).all()
         };
+        let stands_beside = match &self.floor {
+            Some(floor) => {
+                let last = self.parts.len() as u32 - 1;
+                standing_beside(&self.labels, last, &whole, floor, self.resolution)
+            }
+            None => vec![false; self.parts.len()],
+        };
         let belongs = |&i: &usize| {
             let part = &self.parts[i];
             let near = || whole.iter().any(|&main| is_beside(part, &self.parts[main]));
             let is_small_piece = !part.is_cut() && part.voxels as f32 > CRUMB * voxels as f32;
-            whole.contains(&i) || (is_small_piece && near())
+            whole.contains(&i) || (is_small_piece && !stands_beside[i] && near())
         };
         let all: Vec<usize> = (1..self.parts.len()).filter(belongs).collect();
         self.set(&all)
@@ -272,6 +275,14 @@ mod tests {
     use super::*;
 
     const N: usize = 48;
+    const FROM_AROUND: Gaze = Gaze {
+        up: Vec3::Z,
+        along: None,
+    };
+    const AT_A_WALL: Gaze = Gaze {
+        up: Vec3::Y,
+        along: None,
+    };
 
     /// Shells of balls (centre, radius), nothing known within them.
     fn shells(balls: &[(Vec3, f32)]) -> Vec<f32> {
@@ -291,7 +302,7 @@ mod tests {
     fn the_central_part_is_chosen_and_others_on_request() {
         let (near, far) = (Vec3::new(0.1, 0.0, 0.0), Vec3::new(0.6, 0.6, 0.1));
         let solid = shells(&[(near, 0.3), (far, 0.25)]);
-        let parts = Parts::new(&solid, N, None, Vec3::Z);
+        let parts = Parts::new(&solid, N, None, FROM_AROUND);
         assert_eq!(parts.count(), 2);
         let on = |centre: Vec3, radius: f32| centre + Vec3::X * (radius - 0.03);
         let central = parts.most_central().unwrap();
@@ -311,8 +322,8 @@ mod tests {
             thickness: 0.03,
         };
         let table = shells(&[(Vec3::new(0.0, 0.0, -9.2), 9.0), (Vec3::ZERO, 0.3)]);
-        assert_eq!(Parts::new(&table, N, None, Vec3::Z).count(), 1);
-        let parts = Parts::new(&table, N, Some(&plane), Vec3::Z);
+        assert_eq!(Parts::new(&table, N, None, FROM_AROUND).count(), 1);
+        let parts = Parts::new(&table, N, Some(&plane), FROM_AROUND);
         let found = parts.most_central().unwrap();
         assert!(found.contains(Vec3::new(0.0, 0.0, 0.27)));
         assert!(!found.contains(Vec3::new(0.7, 0.0, -0.22)));
@@ -330,20 +341,21 @@ mod tests {
         let both = |set: &PartSet| {
             set.contains(body + Vec3::Z * 0.27) && set.contains(head + Vec3::Z * 0.17)
         };
-        let parts = Parts::new(&solid, N, Some(&plane), Vec3::Z);
+        let parts = Parts::new(&solid, N, Some(&plane), FROM_AROUND);
         assert!(both(&parts.most_central().unwrap()));
         assert!(both(&parts.at(head + Vec3::Z * 0.17).unwrap()));
         // Above nothing, and before a wall, it is another thing.
-        for (ground, up) in [(None, Vec3::Z), (Some(&plane), Vec3::Y)] {
-            let parts = Parts::new(&solid, N, ground, up);
+        for (ground, gaze) in [(None, FROM_AROUND), (Some(&plane), AT_A_WALL)] {
+            let parts = Parts::new(&solid, N, ground, gaze);
             assert!(!both(&parts.most_central().unwrap()));
         }
     }
 
     #[test]
     fn what_goes_on_beyond_the_region_is_told_with_the_side() {
-        let found =
-            |centre: Vec3| Parts::new(&shells(&[(centre, 0.5)]), N, None, Vec3::Z).most_central();
+        let found = |centre: Vec3| {
+            Parts::new(&shells(&[(centre, 0.5)]), N, None, FROM_AROUND).most_central()
+        };
         assert_eq!(found(Vec3::ZERO).unwrap().goes_on(), None);
         let cut = found(Vec3::new(0.8, -0.1, -0.7)).unwrap();
         assert_eq!(cut.goes_on(), Some(Vec3::new(1.0, 0.0, -1.0)));
@@ -352,11 +364,13 @@ mod tests {
 
     #[test]
     fn a_tip_that_goes_on_beyond_the_region_is_told_from_more_of_it() {
-        let tip = Parts::new(&shells(&[(Vec3::X * 0.49, 0.5)]), N, None, Vec3::Z).most_central();
+        let tip =
+            Parts::new(&shells(&[(Vec3::X * 0.49, 0.5)]), N, None, FROM_AROUND).most_central();
         let tip = tip.unwrap();
         assert_eq!(tip.goes_on(), None);
         assert_eq!(tip.reaches_on(), Some(Vec3::X));
-        let within = Parts::new(&shells(&[(Vec3::X * 0.4, 0.5)]), N, None, Vec3::Z).most_central();
+        let within =
+            Parts::new(&shells(&[(Vec3::X * 0.4, 0.5)]), N, None, FROM_AROUND).most_central();
         assert_eq!(within.unwrap().reaches_on(), None);
     }
 
@@ -372,7 +386,7 @@ mod tests {
                 *distance = distance.min(p.y.hypot(p.z) - 0.06);
             }
         }
-        let parts = Parts::new(&solid, N, None, Vec3::Z);
+        let parts = Parts::new(&solid, N, None, FROM_AROUND);
         assert_eq!(parts.count(), 1);
         let both = parts.most_central().unwrap();
         assert!(both.contains(on_central) && both.goes_on().is_some());
@@ -380,14 +394,15 @@ mod tests {
         let found = split.most_central().unwrap();
         assert!(found.contains(on_central) && !found.contains(beyond - Vec3::X * 0.33));
         assert_eq!(found.goes_on(), None);
-        assert!(found.central() > 0.5 * both.central());
+        let [core, whole] = [&found, &both].map(|set| FROM_AROUND.central_of(set));
+        assert!(core > 0.5 * whole);
         let clicked = split.at(on_central).unwrap();
         assert!(clicked.contains(on_central) && clicked.goes_on().is_none());
     }
 
     #[test]
     fn nothing_is_found_in_nothing() {
-        let parts = Parts::new(&vec![1.0; N.pow(3)], N, None, Vec3::Z);
+        let parts = Parts::new(&vec![1.0; N.pow(3)], N, None, FROM_AROUND);
         assert!(parts.most_central().is_none() && parts.all_large().is_none());
     }
 }

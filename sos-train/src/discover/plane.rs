@@ -4,6 +4,7 @@
 use glam::{Mat3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use scene_decomp::probability::ProbabilityMap;
 
 use super::normal::normal;
 use crate::median::median;
@@ -24,6 +25,28 @@ impl Plane {
     #[must_use]
     pub fn height(&self, point: Vec3) -> f32 {
         self.normal.dot(point) - self.offset
+    }
+
+    /// Whether a point lies in it or behind it.
+    #[must_use]
+    pub(super) fn has(&self, point: Vec3) -> bool {
+        self.height(point) <= self.thickness
+    }
+
+    /// Whether things stand on it, by the cameras' mean upward direction `up`, instead of before it, as before a wall: cameras
+    /// look down on floors.
+    #[must_use]
+    pub fn is_level(&self, up: Vec3) -> bool {
+        self.normal.dot(up) > LEVEL
+    }
+}
+
+/// How high a voxel is above the ground, in voxels.
+pub(super) fn height_above(ground: &Plane, resolution: usize) -> impl Fn(usize) -> f32 {
+    let side = 0.5 * resolution as f32;
+    move |cell| {
+        let height = ground.height(ProbabilityMap::centre(resolution, cell));
+        side * (height - ground.thickness)
     }
 }
 
@@ -48,6 +71,8 @@ const LEAST_BORDER: f32 = 0.04;
 const BORDER: f32 = 0.88;
 /// Share of the cameras that must be on its upper side.
 const LEAST_CAMERAS: f32 = 0.8;
+/// A plane whose normal agrees with the cameras' upward direction more than this is no wall.
+const LEVEL: f32 = 0.3;
 /// Fewer points say too little.
 pub(super) const LEAST_POINTS: usize = 100;
 /// Points this far below a plane speak against it.
@@ -92,7 +117,7 @@ pub fn surface_points(solid: &[f32], resolution: usize) -> Vec<SurfacePoint> {
             }
             let normal = normal(solid, cell, n);
             (normal != Vec3::ZERO).then(|| SurfacePoint {
-                at: scene_decomp::probability::ProbabilityMap::centre(n, cell),
+                at: ProbabilityMap::centre(n, cell),
                 normal,
             })
         })
@@ -103,6 +128,33 @@ pub fn surface_points(solid: &[f32], resolution: usize) -> Vec<SurfacePoint> {
 /// up, little below, and it goes on to the region's border.
 #[must_use]
 pub fn ground_of_surface(surface: &[SurfacePoint], cameras: &[Vec3], seed: u64) -> Option<Plane> {
+    best_plane(surface, cameras, seed, |_, below| {
+        1.0 - below / MOST_SURFACE_BELOW
+    })
+}
+
+/// The level plane that things stand on before a wall, or where no ground is known, by fused surfaces and the cameras' mean upward
+/// direction: the top of a table or a shelf, below which there may be more of it.
+#[must_use]
+pub(super) fn support_of_surface(
+    surface: &[SurfacePoint],
+    cameras: &[Vec3],
+    up: Vec3,
+    seed: u64,
+) -> Option<Plane> {
+    best_plane(surface, cameras, seed, |plane, _| {
+        f32::from(u8::from(plane.is_level(up)))
+    })
+}
+
+/// The plane that most of a fused surface lies on and faces the same way, times what it is `worth` by the share of the surface
+/// that is below it, of those that go on to the region's border and have the cameras above them.
+fn best_plane(
+    surface: &[SurfacePoint],
+    cameras: &[Vec3],
+    seed: u64,
+    worth: impl Fn(&Plane, f32) -> f32,
+) -> Option<Plane> {
     let stride = (surface.len() / JUDGES).max(1);
     let judges: Vec<SurfacePoint> = surface.iter().copied().step_by(stride).collect();
     if judges.len() < LEAST_POINTS {
@@ -120,7 +172,7 @@ pub fn ground_of_surface(surface: &[SurfacePoint], cameras: &[Vec3], seed: u64) 
         let all = judges.len() as f32;
         let enough = count >= LEAST_SURFACE * all && border >= LEAST_BORDER * count;
         if enough {
-            count * (1.0 - below / (MOST_SURFACE_BELOW * all)) * above_which(plane, cameras)
+            count * worth(plane, below / all) * above_which(plane, cameras)
         } else {
             0.0
         }
@@ -304,6 +356,37 @@ pub(super) mod tests {
         assert!(!is_side(&at(0.3), &of(flat(2, 1.0, 0.3))));
         assert!(!is_side(&at(-0.3), &of(flat(3, 0.4, -0.3))));
         assert!(!is_side(&at(0.3), &[]));
+    }
+
+    #[test]
+    fn a_shelf_before_a_wall_is_its_top() {
+        let flat = |seed: u64, count: usize, normal: Vec3, make: fn([f32; 3]) -> Vec3| {
+            let points = random_points(seed, count, make);
+            points
+                .into_iter()
+                .map(move |at| SurfacePoint { at, normal })
+        };
+        let wall = flat(1, 2000, Vec3::NEG_Y, |[a, _, c]| Vec3::new(a, 0.6, c));
+        let top = flat(2, 600, Vec3::Z, |[a, b, _]| {
+            Vec3::new(a, 0.4 * b + 0.2, -0.3)
+        });
+        let front = flat(3, 1500, Vec3::NEG_Y, |[a, _, c]| {
+            Vec3::new(a, -0.2, 0.35 * c - 0.65)
+        });
+        // A box's top, which ends.
+        let cover = flat(4, 900, Vec3::Z, |[a, b, _]| {
+            Vec3::new(0.3 * a, 0.2 * b + 0.2, 0.1)
+        });
+        let surface: Vec<SurfacePoint> = wall.chain(top).chain(front).chain(cover).collect();
+        let cameras: Vec<Vec3> = (0..20)
+            .map(|i| Vec3::new((i as f32).sin(), -3.0, 1.0 + (i as f32).cos()))
+            .collect();
+        let up = Vec3::new(0.0, 0.3, 0.95);
+        let ground = ground_of_surface(&surface, &cameras, 7).unwrap();
+        assert!(!ground.is_level(up), "{ground:?}");
+        let support = support_of_surface(&surface, &cameras, up, 7).unwrap();
+        assert!(support.is_level(up), "{support:?}");
+        assert!((support.offset + 0.3).abs() < 0.01, "{support:?}");
     }
 
     #[test]

@@ -9,7 +9,6 @@ use scene_decomp::probability::ProbabilityMap;
 use super::judge::Saying;
 use super::look::Look;
 use super::part_set::{PartSet, voxel};
-use super::plane::Plane;
 use super::spread::spread;
 use crate::distance::signed_distance;
 use crate::train::carve::fusion::seen_surface;
@@ -39,9 +38,11 @@ pub(super) fn settled(look: &Look) -> Option<PartSet> {
     };
     let is_object = |cell: usize| look.chosen.holds(cell);
     let is_ground = |cell: usize| {
-        let lies_in =
-            |ground: &Plane| ground.height(ProbabilityMap::centre(n, cell)) <= ground.thickness;
-        !is_object(cell) && look.ground.as_ref().is_some_and(lies_in)
+        !is_object(cell)
+            && look
+                .ground
+                .as_ref()
+                .is_some_and(|ground| ground.has(ProbabilityMap::centre(n, cell)))
     };
     let from_object = away_from(&is_object);
     let from_ground = away_from(&is_ground);

@@ -1,4 +1,4 @@
-//! For tests: cameras around balls on a table.
+//! For tests: cameras around balls on a table, before a wall perhaps.
 
 #![allow(clippy::unwrap_used)]
 
@@ -13,6 +13,8 @@ use crate::train::carve::depth::DepthPicture;
 
 /// The table's colour.
 pub(super) const TABLE: [u8; 3] = [90, 80, 70];
+/// The wall's colour.
+const WALL: [u8; 3] = [120, 130, 150];
 /// The photos' width and height.
 const SIDE: u32 = 120;
 /// The frame of the world itself.
@@ -28,9 +30,11 @@ pub(super) struct Ball {
     pub(super) colour: [u8; 3],
 }
 
-/// Balls on a table, which is at a height.
+/// Balls on a table, which is at a height, before a wall that faces along -y.
 pub(super) struct Stage {
     pub(super) table: f32,
+    /// Where it is along y; infinity is nowhere.
+    pub(super) wall: f32,
     pub(super) balls: Vec<Ball>,
 }
 
@@ -44,7 +48,10 @@ impl Stage {
             let inside = ball.radius * ball.radius - to.length_squared() + along * along;
             (inside > 0.0).then(|| (along - inside.sqrt(), ball.colour))
         });
-        balls.fold((table, TABLE), |a, b| if b.0 < a.0 { b } else { a })
+        let wall = (self.wall - ray.origin.y) / ray.direction.y.max(1e-6);
+        let behind = [(table, TABLE), (wall, WALL)];
+        let all = balls.chain(behind);
+        all.fold((f32::INFINITY, WALL), |a, b| if b.0 < a.0 { b } else { a })
     }
 
     /// How far a point is outside of everything.
@@ -52,7 +59,7 @@ impl Stage {
         let balls = self.balls.iter();
         balls
             .map(|ball| point.distance(ball.centre) - ball.radius)
-            .fold(point.z - self.table, f32::min)
+            .fold((point.z - self.table).min(self.wall - point.y), f32::min)
     }
 
     /// A photo from a place that looks at the middle.

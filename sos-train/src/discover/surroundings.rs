@@ -126,6 +126,7 @@ mod tests {
         let (ball, radius) = (Vec3::new(0.1, 0.0, 0.0), 0.3);
         let stage = Stage {
             table: -0.3,
+            wall: f32::INFINITY,
             balls: vec![Ball {
                 centre: ball,
                 radius,

@@ -48,13 +48,7 @@ impl DepthRange {
             .iter()
             .filter_map(|o| (centre - o.origin).try_normalize())
             .collect();
-        let axis = common_axis(&directions)?;
-        let off_axis = directions
-            .iter()
-            .map(|d| d.dot(axis).abs().min(1.0).acos().to_degrees());
-        if quantile(off_axis.collect(), FARTHEST)? > ONE_SIDED {
-            return None;
-        }
+        let axis = one_side(&directions)?;
         let widths = outlines
             .iter()
             .map(|o| o.angular_reach * (centre - o.origin).dot(o.forward))
@@ -86,6 +80,15 @@ impl DepthRange {
     pub(super) fn contains(&self, world: DVec3) -> bool {
         (self.near..=self.far).contains(&world.dot(self.axis))
     }
+}
+
+/// The line that views of these unit directions look along, in which they go; none where they look from enough sides.
+pub(crate) fn one_side(directions: &[DVec3]) -> Option<DVec3> {
+    let axis = common_axis(directions)?;
+    let off_axis = directions
+        .iter()
+        .map(|d| d.dot(axis).abs().min(1.0).acos().to_degrees());
+    (quantile(off_axis.collect(), FARTHEST)? <= ONE_SIDED).then_some(axis)
 }
 
 /// The line that the directions are least off, by power iteration; along their mean.

@@ -4,7 +4,7 @@
 pub(crate) mod balls;
 mod clearance;
 mod consensus;
-mod depth_range;
+pub(crate) mod depth_range;
 #[cfg(test)]
 pub(crate) mod disc;
 pub mod edge_contrast;
