@@ -18,7 +18,7 @@ pub(super) struct Places {
 
 impl Places {
     /// The sparse `points` with the `sights` of them. Where there are none, or the model does not say who sees them, what the
-    /// photos of `views` tell, as far as it comes until `interrupt`; `progress` is told how many of these are asked, of how many.
+    /// photos of `views` tell, as far as it comes until `interrupt`; `progress` is told which of these is asked now, of how many.
     pub(super) fn known(
         views: &[TrainView],
         points: &[SparsePoint],

@@ -73,7 +73,7 @@ pub(super) fn places(
 }
 
 /// As many places as the `views` show that are worth their time; those found so far when `interrupt` comes up. `progress` is
-/// told how many views are looked through, of how many.
+/// told which of the views is looked through now, from 1 on, of how many.
 ///
 /// # Errors
 /// When there is no room for smaller photos.
@@ -85,11 +85,11 @@ pub(super) fn everywhere(
     let references = references(views, MOST_REFERENCES);
     let (mut done, all) = (0, references.len() as u32);
     sweep(views, references, |eye| {
-        done += 1;
-        progress(done, all);
         if interrupt.load(Ordering::Relaxed) {
             return Vec::new();
         }
+        done += 1;
+        progress(done, all);
         eye.patches(MOST_CELLS)
     })
 }
