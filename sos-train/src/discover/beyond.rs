@@ -20,10 +20,6 @@ const LEAST_BEYOND: f32 = 0.005;
 /// The object of the look `before` as far as `wider` shows it.
 pub(super) fn spread_beyond(before: &Look, wider: &Look) -> Option<PartSet> {
     let apart = APART * 2.0 / before.data.map.resolution() as f32;
-    let on_ground = |point: Vec3| {
-        let ground = before.ground.as_ref();
-        ground.is_some_and(|ground| ground.height(point) < ground.thickness)
-    };
     let Look {
         data,
         depths,
@@ -36,7 +32,7 @@ pub(super) fn spread_beyond(before: &Look, wider: &Look) -> Option<PartSet> {
         let is_known = is_within(there);
         let sure = |holds: bool| f32::from(u8::from(holds));
         let is_object = is_known && before.chosen.contains(there);
-        let is_other = on_ground(there)
+        let is_other = before.is_ground(there)
             || parts.keeps_out(point)
             || is_known && !is_near(&before.chosen, there, apart);
         Saying {

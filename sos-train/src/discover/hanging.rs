@@ -109,6 +109,7 @@ pub(super) fn holders(
 
 #[cfg(test)]
 mod tests {
+    use super::super::staged::labelled_boxes;
     use super::*;
 
     const N: usize = 40;
@@ -117,15 +118,7 @@ mod tests {
 
     /// Labels of boxes `[low, high)` along x, y and z, of which z is up, and who holds whom.
     fn held(boxes: &[[[usize; 2]; 3]]) -> Vec<u32> {
-        let label = |cell: usize| {
-            let at = [cell % N, cell / N % N, cell / (N * N)];
-            let holds = |of: &[[usize; 2]; 3]| {
-                let mut axes = at.iter().zip(of);
-                axes.all(|(at, [low, high])| (low..high).contains(&at))
-            };
-            boxes.iter().position(holds).map_or(0, |i| i as u32 + 1)
-        };
-        let labels: Vec<u32> = (0..N * N * N).map(label).collect();
+        let labels = labelled_boxes(boxes, N);
         let height = |cell: usize| (cell / (N * N)) as f32;
         let may_hold = |label: u32| label != SHELF;
         holders(&labels, boxes.len() as u32, may_hold, height, N)

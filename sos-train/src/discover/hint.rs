@@ -269,9 +269,7 @@ impl Hint {
                 )
             }),
             Self::Click(click) => {
-                let clicked = self.clicked(&data.views)?;
-                clicked
-                    .and_then(|(view, pixel)| surface_at(data, depths, view, pixel))
+                self.clicked_point(data, depths)?
                     .and_then(|point| parts.at(point))
                     .ok_or_else(|| {
                         PrepareError::Scene(format!(
@@ -289,6 +287,16 @@ impl Hint {
                 )
             }),
         }
+    }
+
+    /// The place that is clicked on, in the normalised frame, where its view shows one.
+    pub(super) fn clicked_point(
+        &self,
+        data: &Prepared,
+        depths: &[DepthPicture],
+    ) -> Result<Option<Vec3>, PrepareError> {
+        let clicked = self.clicked(&data.views)?;
+        Ok(clicked.and_then(|(view, pixel)| surface_at(data, depths, view, pixel)))
     }
 
     /// The pixel that is clicked on, with the number of its view.

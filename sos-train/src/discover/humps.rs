@@ -8,6 +8,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use scene_decomp::probability::ProbabilityMap;
 
+use super::columns::Columns;
 use super::plane::Plane;
 use crate::prepare::{Frame, TrainView};
 use crate::train::carve::depth::DepthPicture;
@@ -76,38 +77,7 @@ pub(super) fn flatten(solid: &mut [f32], resolution: usize, ground: &Plane, eyes
     }
 }
 
-/// The region's columns along the normal of the ground, a voxel wide.
-struct Columns<'a> {
-    ground: &'a Plane,
-    resolution: usize,
-    along: [Vec3; 2],
-    side: usize,
-}
-
-impl<'a> Columns<'a> {
-    fn new(ground: &'a Plane, resolution: usize) -> Self {
-        let (u, v) = ground.normal.any_orthonormal_pair();
-        Self {
-            ground,
-            resolution,
-            along: [u, v],
-            // As wide as the cube is from corner to corner.
-            side: (3f32.sqrt() * resolution as f32).ceil() as usize + 1,
-        }
-    }
-
-    /// The number of the column that holds a point of the normalised frame; `None` outside the region.
-    fn of(&self, point: Vec3) -> Option<usize> {
-        if point.is_nan() || point.abs().max_element() > 1.0 {
-            return None;
-        }
-        let at = |axis: Vec3| {
-            let along = 0.5 * self.resolution as f32 * axis.dot(point);
-            (along + 0.5 * self.side as f32) as usize
-        };
-        Some(at(self.along[1]) * self.side + at(self.along[0]))
-    }
-
+impl Columns<'_> {
     /// Where a column meets the ground.
     fn foot(&self, column: usize) -> Vec3 {
         let along =
@@ -171,7 +141,7 @@ impl<'a> Eyes<'a> {
         frame: &'a Frame,
         depths: &'a [DepthPicture],
     ) -> Self {
-        let origin = |view: &TrainView| view.world_from_camera(frame).translation.into();
+        let origin = |view: &TrainView| view.camera_centre(frame);
         Self {
             views,
             frame,
@@ -265,12 +235,14 @@ mod tests {
         let photographed = Stage {
             table: GROUND.offset,
             wall: f32::INFINITY,
+            is_checkered: false,
             balls: vec![ball(THING, [200, 60, 40])],
         };
         // As it was learnt.
         let stage = Stage {
             table: GROUND.offset,
             wall: f32::INFINITY,
+            is_checkered: false,
             balls: vec![ball(THING, [200, 60, 40]), ball(HUMP, TABLE)],
         };
         let views: Vec<TrainView> = (0..12)

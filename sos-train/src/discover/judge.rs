@@ -50,7 +50,7 @@ impl<'a> Judge<'a> {
             mask,
             depth,
             frame: &data.frame,
-            origin: view.world_from_camera(&data.frame).translation.into(),
+            origin: view.camera_centre(&data.frame),
             within: SEEN_WITHIN * 2.0 / data.map.resolution() as f32,
             unsure: UNSURE * diagonal,
         }

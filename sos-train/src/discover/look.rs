@@ -7,7 +7,7 @@ use image::GrayImage;
 use scene_decomp::probability::ProbabilityMap;
 
 use super::beyond::{is_within, lies_beyond, seen_from, spread_beyond};
-use super::division::{Division, Learnt};
+use super::division::{Division, Learnt, SAME};
 use super::gaze::Gaze;
 use super::hint::Hint;
 use super::masks;
@@ -33,8 +33,6 @@ const RESOLUTION: usize = 160;
 const RAYS: usize = 4_000_000;
 /// Pixels between the rays of a silhouette.
 const STRIDE: u32 = 2;
-/// How much of what was found must be found again for it to be the same.
-const SAME: f32 = 0.5;
 /// How much of what is central about it one of its cores must have to be the object.
 const CORE_SHARE: f32 = 0.5;
 /// Layers of voxels that are taken off at most to find cores.
@@ -54,8 +52,10 @@ pub(super) struct Look {
     pub(super) learnt: Vec<f32>,
     /// The same as it was [divided](Division).
     pub(super) solid: Vec<f32>,
-    /// What was taken away.
+    /// What things stand on, or before; taken away.
     pub(super) ground: Option<Plane>,
+    /// What is behind that, if it was taken away as well.
+    pub(super) wall: Option<Plane>,
     /// The look at a smaller region whose object this one's goes on from: it has what lies there.
     within: Option<Box<Self>>,
 }
@@ -108,7 +108,8 @@ impl Look {
             depths: &depths,
             distances: &learnt,
         };
-        let cameras = region.cameras();
+        let views = data.views.iter();
+        let cameras: Vec<Vec3> = views.map(|view| view.camera_centre(&data.frame)).collect();
         let surface = plane::surface_points(&learnt, RESOLUTION);
         let ground = sparse_ground::ground(&sparse, &cameras, seed)
             .map(|ground| sparse_ground::settled(ground, &surface, &cameras))
@@ -117,6 +118,7 @@ impl Look {
         let Division {
             solid,
             ground,
+            wall,
             parts,
             chosen,
         } = region.divided(ground, surface, hint, seed)?;
@@ -128,8 +130,17 @@ impl Look {
             learnt,
             solid,
             ground,
+            wall,
             within: None,
         })
+    }
+
+    /// Whether a point lies in, or behind, what was taken away.
+    pub(super) fn is_ground(&self, point: Vec3) -> bool {
+        [self.ground, self.wall]
+            .into_iter()
+            .flatten()
+            .any(|plane| plane.has(point))
     }
 
     /// Whether the object goes on beyond the region, unless the region is the user's; see [`PartSet::goes_on`].
@@ -298,6 +309,7 @@ mod tests {
         Stage {
             table: -0.35,
             wall: f32::INFINITY,
+            is_checkered: false,
             balls: vec![
                 ball(NEAR, 0.35, OBJECT),
                 ball(FAR, 0.2, OBJECT),
@@ -365,6 +377,7 @@ mod tests {
         let stage = Stage {
             table: -0.1,
             wall: f32::INFINITY,
+            is_checkered: false,
             balls: vec![Ball {
                 centre: Vec3::ZERO,
                 radius: 0.3,

@@ -2,9 +2,9 @@
 //!
 //! A capture says what it is of by where its cameras look. So a background field learns the whole region of interest
 //! ([`region`]) for a while, helped by places where rays are known to end (`places.rs`); its depths, fused, are solid shapes; the
-//! plane that things stand on is taken away ([`sparse_ground`], [`plane`]), and with it what bulges out of it (`humps.rs`); what
-//! stands close together is parted (`standing.rs`); and of the parts that remain, the object is the one in the middle, or the one
-//! that a hint points at ([`parts`]). Where a few views have masks, the object is what they show and what hangs together with it
+//! plane that things stand on is taken away ([`sparse_ground`], [`plane`]), before a wall the shelf as well (`division.rs`), and with
+//! it what bulges out of it (`humps.rs`); what stands close together is parted (`standing.rs`, `beside.rs`); and of the parts that
+//! remain, the object is the one in the middle of what cameras look at (`gaze.rs`), or the one that a hint points at ([`parts`]). Where a few views have masks, the object is what they show and what hangs together with it
 //! instead, ground or not (`spread.rs`). Where it goes on beyond the region, a larger one is looked at in the same way; where it
 //! hangs together with too much there, it is parted from what hangs on it by thin bridges (`cores.rs`), or else followed from what
 //! it was to where it ends (`beyond.rs`). What it touches begins where colours change (`seams.rs`).
@@ -14,6 +14,7 @@
 
 mod beside;
 mod beyond;
+mod columns;
 mod cores;
 mod division;
 mod gaze;
@@ -199,10 +200,12 @@ fn choice_note(look: &Look, hint: &Hint) -> String {
         _ => format!(
             ", one of {} parts, {}",
             first.parts.count(),
-            if first.ground.is_some() {
-                "without the ground it stands on"
-            } else {
-                "where no ground was found"
+            match (&first.ground, &first.wall) {
+                (Some(_), Some(_)) =>
+                    "without the wall behind it and what it stands on (give all that is wanted with --box if that \
+                     belongs to it)",
+                (Some(_), None) => "without the ground it stands on",
+                (None, _) => "where no ground was found",
             }
         ),
     };

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use scene_decomp::probability::ProbabilityMap;
 
-use super::beside::standing_beside;
+use super::beside::stands_beside;
 use super::cores::cores;
 use super::gaze::Gaze;
 use super::hanging::holders;
@@ -64,7 +64,12 @@ impl Parts {
     /// Of the fused distances `solid` `[resolution^3]`, what lies above the `ground`: only where some
     /// view saw the surface close by, for what nobody saw is solid too. `gaze` is how cameras look at it.
     #[must_use]
-    pub fn new(solid: &[f32], resolution: usize, ground: Option<&Plane>, gaze: Gaze) -> Self {
+    pub(super) fn new(
+        solid: &[f32],
+        resolution: usize,
+        ground: Option<&Plane>,
+        gaze: Gaze,
+    ) -> Self {
         let on_surface = seen_surface(solid);
         let above = |cell: usize| {
             let p = ProbabilityMap::centre(resolution, cell);
@@ -181,7 +186,7 @@ impl Parts {
             .count()
     }
 
-    /// The largest part near the middle that ends within the region.
+    /// The largest part near the middle, as the [`Gaze`] has it, that ends within the region.
     #[must_use]
     pub fn most_central(&self) -> Option<PartSet> {
         let score = |part: &Part| part.central * if part.is_cut() { CUT_OFF } else { 1.0 };
@@ -227,18 +232,23 @@ impl Parts {
             let (low, high) = (main.low - REACH, main.high + REACH);
             part.low.cmpge(low).all() && part.high.cmple(high).all()
         };
-        let stands_beside = match &self.floor {
-            Some(floor) => {
-                let last = self.parts.len() as u32 - 1;
-                standing_beside(&self.labels, last, &whole, floor, self.resolution)
-            }
-            None => vec![false; self.parts.len()],
+        let of = |is_wanted: &dyn Fn(usize) -> bool| -> Vec<usize> {
+            let cells = 0..self.labels.len();
+            let is_of =
+                |cell: &usize| self.labels[*cell] != 0 && is_wanted(self.labels[*cell] as usize);
+            cells.filter(is_of).collect()
+        };
+        let thing = of(&|label| whole.contains(&label));
+        let stands_beside = |i: usize| {
+            let beside =
+                |floor| stands_beside(&of(&|label| label == i), &thing, floor, self.resolution);
+            self.floor.as_ref().is_some_and(beside)
         };
         let belongs = |&i: &usize| {
             let part = &self.parts[i];
             let near = || whole.iter().any(|&main| is_beside(part, &self.parts[main]));
             let is_small_piece = !part.is_cut() && part.voxels as f32 > CRUMB * voxels as f32;
-            whole.contains(&i) || (is_small_piece && !stands_beside[i] && near())
+            whole.contains(&i) || (is_small_piece && near() && !stands_beside(i))
         };
         let all: Vec<usize> = (1..self.parts.len()).filter(belongs).collect();
         self.set(&all)

@@ -73,6 +73,8 @@ const BORDER: f32 = 0.88;
 const LEAST_CAMERAS: f32 = 0.8;
 /// A plane whose normal agrees with the cameras' upward direction more than this is no wall.
 const LEVEL: f32 = 0.3;
+/// The same of a plane that things stand on before a wall, with the unit direction: who photographs a wall does not look down steeply.
+const SUPPORTS: f32 = 0.7;
 /// Fewer points say too little.
 pub(super) const LEAST_POINTS: usize = 100;
 /// Points this far below a plane speak against it.
@@ -133,7 +135,7 @@ pub fn ground_of_surface(surface: &[SurfacePoint], cameras: &[Vec3], seed: u64) 
     })
 }
 
-/// The level plane that things stand on before a wall, or where no ground is known, by fused surfaces and the cameras' mean upward
+/// The level plane that things stand on before a wall, by fused surfaces and the cameras' mean upward
 /// direction: the top of a table or a shelf, below which there may be more of it.
 #[must_use]
 pub(super) fn support_of_surface(
@@ -143,7 +145,9 @@ pub(super) fn support_of_surface(
     seed: u64,
 ) -> Option<Plane> {
     best_plane(surface, cameras, seed, |plane, _| {
-        f32::from(u8::from(plane.is_level(up)))
+        f32::from(u8::from(
+            plane.normal.dot(up.normalize_or_zero()) > SUPPORTS,
+        ))
     })
 }
 

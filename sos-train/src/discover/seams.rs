@@ -37,13 +37,8 @@ pub(super) fn settled(look: &Look) -> Option<PartSet> {
         signed_distance(&surface(is_wanted), &[n; 3], UNSURE as usize + 1)
     };
     let is_object = |cell: usize| look.chosen.holds(cell);
-    let is_ground = |cell: usize| {
-        !is_object(cell)
-            && look
-                .ground
-                .as_ref()
-                .is_some_and(|ground| ground.has(ProbabilityMap::centre(n, cell)))
-    };
+    let is_ground =
+        |cell: usize| !is_object(cell) && look.is_ground(ProbabilityMap::centre(n, cell));
     let from_object = away_from(&is_object);
     let from_ground = away_from(&is_ground);
     let from_things = away_from(&|cell| !is_object(cell) && !is_ground(cell));

@@ -1,4 +1,4 @@
-//! For tests: cameras around balls on a table, before a wall perhaps.
+//! For tests: cameras around balls on a table, before a wall perhaps, and boxes of voxels.
 
 #![allow(clippy::unwrap_used)]
 
@@ -13,6 +13,8 @@ use crate::train::carve::depth::DepthPicture;
 
 /// The table's colour.
 pub(super) const TABLE: [u8; 3] = [90, 80, 70];
+/// The side of a square of the table or the wall.
+const SQUARE: f32 = 0.1;
 /// The wall's colour.
 const WALL: [u8; 3] = [120, 130, 150];
 /// The photos' width and height.
@@ -22,6 +24,19 @@ const WORLD: Frame = Frame {
     centre: DVec3::ZERO,
     half_side: 1.0,
 };
+
+/// For each voxel of `n^3` the number, from 1 on, of the first of the boxes `[low, high)` along x, y and z that holds it; 0 is none.
+pub(super) fn labelled_boxes(boxes: &[[[usize; 2]; 3]], n: usize) -> Vec<u32> {
+    let label = |cell: usize| {
+        let at = [cell % n, cell / n % n, cell / (n * n)];
+        let holds = |of: &[[usize; 2]; 3]| {
+            let mut axes = at.iter().zip(of);
+            axes.all(|(at, [low, high])| (low..high).contains(&at))
+        };
+        boxes.iter().position(holds).map_or(0, |i| i as u32 + 1)
+    };
+    (0..n.pow(3)).map(label).collect()
+}
 
 /// A ball of one colour.
 pub(super) struct Ball {
@@ -35,6 +50,8 @@ pub(super) struct Stage {
     pub(super) table: f32,
     /// Where it is along y; infinity is nowhere.
     pub(super) wall: f32,
+    /// Table and wall are of squares of two shades: what is all of one has no edge anywhere.
+    pub(super) is_checkered: bool,
     pub(super) balls: Vec<Ball>,
 }
 
@@ -50,7 +67,20 @@ impl Stage {
         });
         let wall = (self.wall - ray.origin.y) / ray.direction.y.max(1e-6);
         let behind = [(table, TABLE), (wall, WALL)];
-        let all = balls.chain(behind);
+        let shade = |(distance, colour): (f32, [u8; 3])| {
+            let squares = ((ray.origin + distance * ray.direction) / SQUARE).floor();
+            let is_dark = squares.element_sum().rem_euclid(2.0) < 1.0;
+            let is_dark = self.is_checkered && is_dark;
+            (
+                distance,
+                if is_dark {
+                    colour.map(|v| v / 2)
+                } else {
+                    colour
+                },
+            )
+        };
+        let all = balls.chain(behind.map(shade));
         all.fold((f32::INFINITY, WALL), |a, b| if b.0 < a.0 { b } else { a })
     }
 

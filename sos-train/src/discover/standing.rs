@@ -160,21 +160,15 @@ fn borders(labels: &[u32], hills: &mut Hills, resolution: usize) -> BTreeMap<(u3
 
 #[cfg(test)]
 mod tests {
+    use super::super::staged::labelled_boxes;
     use super::*;
 
     const N: usize = 40;
 
     /// Things of boxes `[low, high)` along x, y and z, of which z is up.
     fn of_boxes(all: &[[[usize; 2]; 3]]) -> (Vec<u32>, u32) {
-        let inside: Vec<bool> = (0..N * N * N)
-            .map(|cell| {
-                let at = [cell % N, cell / N % N, cell / (N * N)];
-                all.iter().any(|of| {
-                    let mut axes = at.iter().zip(of);
-                    axes.all(|(at, [low, high])| (low..high).contains(&at))
-                })
-            })
-            .collect();
+        let labels = labelled_boxes(all, N);
+        let inside: Vec<bool> = labels.iter().map(|label| *label != 0).collect();
         things(&inside, |cell| (cell / (N * N)) as f32, N)
     }
 

@@ -71,7 +71,7 @@ impl<'a> Witness<'a> {
         Self {
             view,
             depth,
-            origin: view.world_from_camera(frame).translation.into(),
+            origin: view.camera_centre(frame),
             open: Open::of(view),
         }
     }
@@ -127,6 +127,7 @@ mod tests {
         let stage = Stage {
             table: -0.3,
             wall: f32::INFINITY,
+            is_checkered: false,
             balls: vec![Ball {
                 centre: ball,
                 radius,

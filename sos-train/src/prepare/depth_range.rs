@@ -48,7 +48,7 @@ impl DepthRange {
             .iter()
             .filter_map(|o| (centre - o.origin).try_normalize())
             .collect();
-        let axis = one_side(&directions)?;
+        let axis = one_side(&directions, ONE_SIDED)?;
         let widths = outlines
             .iter()
             .map(|o| o.angular_reach * (centre - o.origin).dot(o.forward))
@@ -82,13 +82,14 @@ impl DepthRange {
     }
 }
 
-/// The line that views of these unit directions look along, in which they go; none where they look from enough sides.
-pub(crate) fn one_side(directions: &[DVec3]) -> Option<DVec3> {
+/// The line that nine in ten views of these unit directions look along, to `within` so many degrees, in the way that most do; none
+/// where they look from enough sides.
+pub(crate) fn one_side(directions: &[DVec3], within: f64) -> Option<DVec3> {
     let axis = common_axis(directions)?;
     let off_axis = directions
         .iter()
         .map(|d| d.dot(axis).abs().min(1.0).acos().to_degrees());
-    (quantile(off_axis.collect(), FARTHEST)? <= ONE_SIDED).then_some(axis)
+    (quantile(off_axis.collect(), FARTHEST)? <= within).then_some(axis)
 }
 
 /// The line that the directions are least off, by power iteration; along their mean.

@@ -139,6 +139,12 @@ impl TrainView {
         inside.then_some((pixel, p.z as f32))
     }
 
+    /// Where it was taken from, in the normalised frame.
+    #[must_use]
+    pub fn camera_centre(&self, frame: &Frame) -> Vec3 {
+        self.world_from_camera(frame).translation.into()
+    }
+
     /// Pose in the normalised frame.
     #[must_use]
     pub fn world_from_camera(&self, frame: &Frame) -> Affine3A {

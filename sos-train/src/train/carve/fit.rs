@@ -56,7 +56,7 @@ impl Trainer {
         let cameras: Vec<Vec3> = data
             .views
             .iter()
-            .map(|view| view.world_from_camera(&data.frame).translation.into())
+            .map(|view| view.camera_centre(&data.frame))
             .collect();
         let near = NEAR * shape.truncation;
         let transparency = self.context.config.model.foreground;

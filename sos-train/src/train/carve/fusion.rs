@@ -41,7 +41,7 @@ pub fn fuse(
     let origins: Vec<glam::Vec3> = data
         .views
         .iter()
-        .map(|view| view.world_from_camera(&data.frame).translation.into())
+        .map(|view| view.camera_centre(&data.frame))
         .collect();
     map.values()
         .par_iter()
