@@ -186,7 +186,7 @@ impl Parts {
             .count()
     }
 
-    /// The largest part near the middle, as the [`Gaze`] has it, that ends within the region.
+    /// The largest part near the middle, as the `Gaze` has it, that ends within the region.
     #[must_use]
     pub fn most_central(&self) -> Option<PartSet> {
         let score = |part: &Part| part.central * if part.is_cut() { CUT_OFF } else { 1.0 };
